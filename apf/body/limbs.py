@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
 
 import numpy as np
 
 from apf.body.jacobian import bone_point_jacobian
 from apf.body.kinematics import posed_joints, posed_points
-from apf.body.model import BodyModel
+from apf.body.model import BodyModel, Bone, FreeAxis
 
 #: The joints at the ends of a person's limbs and head.
 LIMB_ENDS = {
@@ -22,6 +23,10 @@ LIMB_ENDS = {
 _TOLERANCE = 0.02
 #: Number of Levenberg steps towards the targets, and their damping, m^2 / rad^2.
 _N_STEPS, _DAMPING = 3, 1e-3
+#: The axes of an ankle, rad: limits (American Academy of Orthopaedic Surgeons 1965: 20 degrees of
+#: dorsiflexion and 50 of plantar flexion; toes 30 degrees in or out), change from one frame to the
+#: next, as a knee's, and spread of people's postures.
+_ANKLE = {"ry": (-0.35, 0.87, 0.045, 0.3), "rz": (-0.5, 0.5, 0.025, 0.15)}
 #: Words in the names of a limb's angles.
 _ANGLES = {"arm": {"shoulder", "arm", "elbow"}, "leg": {"hip", "knee", "ankle"}}
 
@@ -164,11 +169,50 @@ def limb_angles(body: BodyModel, names: Iterable[str]) -> np.ndarray:
 
 
 def swinging_bones(body: BodyModel) -> list[int]:
-    """Return the upper bone of each limb, the last but one of its chain, in the body's order.
+    """Return the upper bone of each limb, the last of its chain that turns most freely, in the
+    body's order.
 
-    These are upper arms and thighs, without shoulder blades and hip axes.
+    These are upper arms and thighs, without shoulder blades, hip axes and feet.
     """
-    return sorted(chain[-2] for chain in limb_chains(body))
+    free = [sum(axis.kind[0] == "r" for axis in bone.axes) for bone in body.bones]
+    chains = (chain[:-1] for chain in limb_chains(body))
+    return sorted(max(chain, key=lambda bone: (free[bone], bone)) for chain in chains)
+
+
+def add_ankles(body: BodyModel) -> BodyModel:
+    """Return the body with feet that turn about its ankles: each cone `foot` becomes a bone, whose
+    angles are the last degrees of freedom. A body without ankles, or with such bones, is returned
+    as it is."""
+    ankles = {joint.name: joint for joint in body.joints}
+    bones, cones, axes = list(body.bones), list(body.cones), list[FreeAxis]()
+    for side in ("l_", "r_"):
+        ankle, name = ankles.get(f"{side}ankle"), f"{side}foot"
+        parts = [number for number, cone in enumerate(body.cones) if cone.name == name]
+        if ankle is None or not parts or any(bone.name == name for bone in bones):
+            continue
+        turns = tuple(
+            FreeAxis(kind, 1, body.n_dof + len(axes) + number) for number, kind in enumerate(_ANKLE)
+        )
+        bones.append(Bone(name, ankle.bone, ankle.position, np.eye(3), turns))
+        axes += turns
+        for number in parts:
+            start, end = (end - ankle.position for end in (cones[number].start, cones[number].end))
+            cones[number] = replace(cones[number], bone=len(bones) - 1, start=start, end=end)
+    names = [f"{bone.name}.{axis.kind}" for bone in bones[len(body.bones) :] for axis in bone.axes]
+    lower, upper, sigma, posture = np.array([_ANKLE[axis.kind] for axis in axes]).reshape(-1, 4).T
+    nothing = np.zeros(len(axes))
+    return replace(
+        body,
+        bones=tuple(bones),
+        cones=tuple(cones),
+        dof_names=(*body.dof_names, *names),
+        lower=np.concatenate([body.lower, lower]),
+        upper=np.concatenate([body.upper, upper]),
+        sigma=np.concatenate([body.sigma, sigma]),
+        rest_pose=np.concatenate([body.rest_pose, nothing]),
+        posture_sigma=np.concatenate([body.posture_sigma, posture]),
+        posture_rise=np.concatenate([body.posture_rise, nothing]),
+    )
 
 
 def _children(body: BodyModel) -> list[list[int]]:

@@ -2,24 +2,27 @@
 
 Every point of a silhouette's outline is a ray that touches the body. The unknowns are the poses
 and, shared by all frames, the body's measures: lengths, the places of joints in the flesh, ends and
-radii of the cones. Gauss-Newton on the distances of the rays from the nearest cone; poses are
-eliminated frame by frame (Schur complement, Triggs et al. 2000). Where the take does not show a
-measure, it stays where anatomy puts it, see `_SPREAD`.
+radii of the cones, and how far the surface is from the cones. Gauss-Newton on the distances of the
+rays from the nearest surface; poses are eliminated frame by frame (Schur complement, Triggs et al.
+2000). Where the take does not show a measure, it stays where anatomy puts it, see `_SPREAD`.
+
+The tracked poses only say where to begin: their errors are the same in all frames, so all frames
+together count as one observation of them. Feet turn about ankles, see `add_ankles`, and their soles
+do not go through the floor: without them, nothing would say how long the shanks are.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from apf.body.jacobian import point_jacobian
-from apf.body.kinematics import bone_matrices, posed_cones
-from apf.body.limbs import limb_chains
-from apf.body.model import BodyModel, Bone, Cone, sideless
+from apf.body.jacobian import bone_point_jacobian, point_jacobian
+from apf.body.kinematics import bone_matrices, cross, posed_cones, posed_joints
+from apf.body.model import BodyModel, Bone, Cone, Joint, sideless
 from apf.initialisation.shape_model import place_points, surface_displacements
 from psfs.cameras.camera import CameraRig
 from psfs.common.least_squares import REACH, robust_weights
@@ -28,15 +31,23 @@ from psfs.common.numbers import pick_evenly
 #: Standard deviations of a person's measures around a body of the same stature. Lengths: those of
 #: adults of one stature vary by 3 to 4 % (Gordon et al. 2014, ANSUR II). Joints in the flesh, m:
 #: regressions from bony marks miss hip centres by 15 to 25 mm (Leardini et al. 1999). Ends of
-#: cones, m, and logs of their radii: by hand; people are no cones, and hulls are thicker than they.
-_SPREAD = {"length": 0.04, "joint": 0.015, "end": 0.01, "radius": 0.15}
-#: Standard deviations of an angle without a posture prior, rad, and of the root, m and rad, around
-#: the tracked pose.
-_FREE, _ROOT = 3.0, 0.2
+#: cones, m, logs of their radii, and distance, m, of the surface from the cones: by hand; people
+#: are no cones, and hulls are thicker than they.
+_SPREAD = {"length": 0.04, "joint": 0.015, "end": 0.01, "radius": 0.15, "surface": 0.01}
+#: Standard deviation, rad or m, around the tracked pose where there is no posture prior.
+_FREE = 3.0
 #: Accuracy, m, of a cone's outline, and number of neighbouring rays that share one error.
 _NOISE, _SHARED = 0.02, 8.0
 #: Most rays of a view, fewest rays of a frame, and most frames that inform the measures.
 _RAYS, _LEAST, _FRAMES = 80, 40, 24
+#: Rings along a cone between which the surface's distance from it is interpolated, harmonics about
+#: its axis from the constant on, and coefficients, with two caps.
+_RINGS = 3
+_HARMONICS = 3
+_COEFFICIENTS = _RINGS * (2 * _HARMONICS - 1) + 2
+#: Accuracy, m, of the height of a sole above the floor, z = 0, and distance, m, that tracked soles
+#: may lie below it: hulls are thicker than people.
+_SOLE, _BELOW = 0.005, 0.1
 #: Distances, m, at which a ray counts a quarter, from the first step to the last.
 _REACHES = np.geomspace(0.08, 0.03, 7)
 #: Number of steps of poses whose body is known.
@@ -83,26 +94,35 @@ def find_outlines(rig: CameraRig, shown: np.ndarray, known: np.ndarray) -> Outli
 
 class PersonalShape:
     """Measures (S,) of a person, 0 for the template's: logs of lengths, displacements of joints and
-    of cones' ends in the frames of their bones, logs of radii. Left mirrors right.
+    of cones' ends in the frames of their bones, logs of radii, and coefficients of the surface's
+    distance from the cones. Left mirrors right.
 
     spread: (S,) standard deviations. index: the number of each measure, by its kind, the name of
-    its part, the end and the axis.
+    its part, the end and the axis; of a surface, the number of its coefficient. n_built: number of
+    measures that the body is built of, those before the surface's.
     """
 
     def __init__(self, template: BodyModel) -> None:
         self.template = template
-        size = template.scale_groups
         bones = [bone for bone in template.bones if bone.parent >= 0]
-        self._rows: list[tuple[str, str, int, int]] = [("length", group, 0, 0) for group in size]
+        rows = [("length", group, 0, 0) for group in template.scale_groups]
         for name in dict.fromkeys(sideless(bone.name) for bone in bones):
-            self._rows += [("joint", name, 0, axis) for axis in self._axes(name, bones)]
+            rows += [("joint", name, 0, axis) for axis in self._axes(name, bones)]
         for name in template.radius_groups:
             for end in (0, 1):
                 axes = self._axes(name, template.cones)
-                self._rows += [("end", name, end, axis) for axis in axes]
-                self._rows.append(("radius", name, end, 0))
-        self.index = {row: number for number, row in enumerate(self._rows)}
-        self.spread = np.array([_SPREAD[kind] for kind, *_ in self._rows])
+                rows += [("end", name, end, axis) for axis in axes]
+                rows.append(("radius", name, end, 0))
+        self.n_built = len(rows)
+        for name in template.radius_groups:
+            rows += [("surface", name, number, 0) for number in range(_COEFFICIENTS)]
+        self.index = {row: number for number, row in enumerate(rows)}
+        self.spread = np.array([_SPREAD[kind] for kind, *_ in rows])
+        self.spread[self.n_built :] /= np.sqrt(_HARMONICS)
+        self._mirrors = [_Mirror.of(template, cone) for cone in template.cones]
+        self._group = np.array(
+            [template.radius_groups.index(sideless(c.name)) for c in template.cones]
+        )
 
     @staticmethod
     def _axes(name: str, parts: Sequence[Bone | Cone]) -> tuple[int, ...]:
@@ -138,37 +158,124 @@ class PersonalShape:
             )
             for cone in scaled.cones
         ]
-        return replace(scaled, bones=tuple(bones), cones=tuple(cones))
+        joints = [
+            replace(joint, position=joint.position + np.mean([move("joint", of) for of in pair], 0))
+            if (pair := _pair_beside(template, joint)) else joint
+            for joint in scaled.joints
+        ]  # fmt: skip
+        return replace(scaled, bones=tuple(bones), cones=tuple(cones), joints=tuple(joints))
 
     def growths(self, measures: np.ndarray, poses: np.ndarray) -> np.ndarray:
-        """Return the derivatives (M, S, C, 8) of the ends and radii of the cones by the measures,
-        in poses (M, D)."""
+        """Return the derivatives (M, n_built, C, 8) of the ends and radii of the cones by the
+        measures that the body is built of, in poses (M, D)."""
         template, step = self.template, 1e-4
         body = self.body(measures)
         cones = posed_cones(body, poses)[..., :8]
         rotations, _ = bone_matrices(body, poses)
         below = _descendants(template)[:, [cone.bone for cone in template.cones]]
-        found = np.zeros((len(poses), len(measures), len(template.cones), 8))
-        for number, (kind, name, end, axis) in enumerate(self._rows):
+        grown = np.zeros((len(poses), self.n_built, len(template.cones), 8))
+        for (kind, name, end, axis), number in self.index.items():
             here = slice(4 * end, 4 * end + 3)
             if kind == "length":
                 moved = posed_cones(self.body(measures + step * _unit(number, measures)), poses)
-                found[:, number] = (moved[..., :8] - cones) / step
+                grown[:, number] = (moved[..., :8] - cones) / step
             elif kind == "joint":
                 for index, bone in enumerate(template.bones):
                     if sideless(bone.name) == name:
                         along = rotations[:, bone.parent, :, axis] * _mirror(bone.name)[axis]
                         for first in (0, 4):
                             moving = np.flatnonzero(below[index])
-                            found[:, number, moving, first : first + 3] = along[:, None]
-            else:
+                            grown[:, number, moving, first : first + 3] = along[:, None]
+            elif kind != "surface":
                 for index, cone in enumerate(template.cones):
                     if sideless(cone.name) == name and kind == "end":
                         along = rotations[:, cone.bone, :, axis] * _mirror(cone.name)[axis]
-                        found[:, number, index, here] = along
+                        grown[:, number, index, here] = along
                     elif sideless(cone.name) == name:
-                        found[:, number, index, here.stop] = cones[:, index, here.stop]
-        return found
+                        grown[:, number, index, here.stop] = cones[:, index, here.stop]
+        return grown
+
+    def move_joints(self, measures: np.ndarray, poses: np.ndarray) -> np.ndarray:
+        """Return the derivatives (n_built, M, J, 3) of the joints by the measures that the body is
+        built of, in poses (M, D)."""
+        step, joints = 1e-4, posed_joints(self.body(measures), poses)
+        moved = np.zeros((self.n_built, *joints.shape))
+        for (kind, *_), number in self.index.items():
+            if kind in ("length", "joint"):
+                other = self.body(measures + step * _unit(number, measures))
+                moved[number] = (posed_joints(other, poses) - joints) / step
+        return moved
+
+    def bulges(self, cone: np.ndarray, coordinates: np.ndarray) -> np.ndarray:
+        """Return the derivatives (K, S - n_built) of the surface's distances from cones (K,), at
+        cone coordinates (K, 4), see `place_points`, by the coefficients: harmonics about the axis
+        on rings along it, and one for each cap."""
+        own = _harmonics(coordinates)
+        turned = np.empty_like(coordinates)
+        for number, mirror in enumerate(self._mirrors):
+            here = cone == number
+            turned[here] = mirror.turn(coordinates[here])
+        sides = np.array([mirror.share for mirror in self._mirrors])[cone][:, None]
+        values = own + sides * (_harmonics(turned) - own)
+        bulged = np.zeros((len(cone), len(self.template.radius_groups), _COEFFICIENTS))
+        bulged[np.arange(len(cone)), self._group[cone]] = values
+        return bulged.reshape(len(cone), -1)
+
+
+@dataclass(frozen=True, eq=False)
+class _Mirror:
+    """How the coordinates on a cone turn into those of the mirrored point on its twin, or on itself
+    on the midline. matrix: (3, 3) of the direction. swapped: whether start and end change places.
+    share: of the twin's surface in this cone's: 0 for the left, 1 for the right, 1/2 between."""
+
+    matrix: np.ndarray
+    swapped: bool
+    share: float
+
+    @classmethod
+    def of(cls, body: BodyModel, cone: Cone) -> _Mirror:
+        other = {"l_": "r_", "r_": "l_"}.get(cone.name[:2], "") + sideless(cone.name)
+        twin = next((each for each in body.cones if each.name == other), cone)
+        first, second = _cone_frame(cone) * [1, -1, 1], _cone_frame(twin)
+        share = 1.0 if cone.name.startswith("r_") else 0.0 if twin is not cone else 0.5
+        return cls(second @ first.T, float(second[0] @ first[0]) < 0, share)
+
+    def turn(self, coordinates: np.ndarray) -> np.ndarray:
+        along = 1 - coordinates[:, :1] if self.swapped else coordinates[:, :1]
+        return np.concatenate([along, coordinates[:, 1:] @ self.matrix.T], 1)
+
+
+def _cone_frame(cone: Cone) -> np.ndarray:
+    """Return rows (3, 3): axis, side and the direction across both."""
+    axis = (cone.end - cone.start) / np.linalg.norm(cone.end - cone.start)
+    return np.stack([axis, cone.side, cross(axis, cone.side)])
+
+
+def _harmonics(coordinates: np.ndarray) -> np.ndarray:
+    """Return (K, _COEFFICIENTS) values at cone coordinates (K, 4), see `PersonalShape.bulges`."""
+    t, along, x, y = coordinates.T
+    rings = np.maximum(0, 1 - np.abs(t[:, None] * (_RINGS - 1) - np.arange(_RINGS)))
+    waves = np.stack([np.ones_like(x), x, y, x * x - y * y, 2 * x * y], 1)
+    caps = np.stack([np.maximum(-along, 0), np.maximum(along, 0)], 1)
+    return np.concatenate([(rings[:, :, None] * waves[:, None]).reshape(len(t), -1), caps], 1)
+
+
+@dataclass(frozen=True, eq=False)
+class _Normal:
+    """The normal equations of one frame: matrices pose by pose (D, D), pose by measures (D, S),
+    measures by measures (S, S), and gradients (D,), (S,)."""
+
+    poses: np.ndarray
+    mixed: np.ndarray
+    measures: np.ndarray
+    pull: np.ndarray
+    gradient: np.ndarray
+
+    def eliminate(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return the pose's response to each measure (D, S), and its own step (D,); both are to be
+        subtracted."""
+        solved = np.linalg.solve(self.poses, np.column_stack([self.mixed, self.pull]))
+        return solved[:, :-1], solved[:, -1]
 
 
 class PersonalFit:
@@ -176,29 +283,37 @@ class PersonalFit:
 
     def __init__(self, template: BodyModel) -> None:
         self.template, self.shape = template, PersonalShape(template)
-        self._spread = np.where(np.isfinite(template.posture_sigma), template.posture_sigma, _FREE)
-        self._spread[[axis.dof for axis in template.bones[0].axes]] = _ROOT
-        ends = {bone for chain in limb_chains(template) for bone in chain}
-        # A foot turns about an ankle that the body does not have; clothes are not the body.
-        self._counted = np.array([
-            not cone.loose and (cone.in_images or cone.bone not in ends) for cone in template.cones
-        ])  # fmt: skip
+        posture = np.where(np.isfinite(template.posture_sigma), template.posture_sigma, _FREE)
+        self._prior = posture**-2.0 / _FRAMES
+        # Clothes are not the body.
+        self._counted = np.array([not cone.loose for cone in template.cones])
+        self._soles = [c for c, cone in enumerate(template.cones) if sideless(cone.name) == "foot"]
 
     def measure(
         self, outlines: Sequence[Outlines], poses: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return the measures (S,) that fit to the outlines of some of M frames, evenly chosen, and
-        their standard deviations (S,). poses: (M, D), as tracked."""
+        their covariance (S, S). poses: (M, D), as tracked."""
         usable = [number for number, of in enumerate(outlines) if len(of) >= _LEAST]
         chosen = [usable[k] for k in pick_evenly(len(usable), _FRAMES)]
-        measures = np.zeros(len(self.shape.spread))
-        if not chosen:
-            return measures, self.shape.spread
+        measures, covariance = np.zeros(len(self.shape.spread)), np.diag(self.shape.spread**2)
         some, tracked = [outlines[number] for number in chosen], poses[chosen]
         moved = tracked
-        for reach in _REACHES:
-            measures, moved, covariance = self._step(measures, moved, tracked, some, reach)
-        return measures, np.sqrt(np.diag(covariance))
+        for reach in _REACHES if chosen else ():
+            precision = self.shape.spread**-2.0
+            matrix, vector = np.diag(precision), precision * measures
+            solved = []
+            for normal in self._linearise(measures, moved, tracked, some, reach):
+                response, step = normal.eliminate()
+                matrix += normal.measures - normal.mixed.T @ response
+                vector += normal.gradient - normal.mixed.T @ step
+                solved.append((response, step))
+            covariance = np.linalg.inv(matrix)
+            change = -covariance @ vector
+            measures = measures + change
+            steps = [response @ change + step for response, step in solved]
+            moved = self._clip(moved - np.stack(steps))
+        return measures, covariance
 
     def pose(
         self, measures: np.ndarray, outlines: Sequence[Outlines], poses: np.ndarray
@@ -207,73 +322,109 @@ class PersonalFit:
         frames, near the tracked ones."""
         usable = np.array([len(of) >= _LEAST for of in outlines])
         some = [of for of, use in zip(outlines, usable, strict=True) if use]
-        fitted, body = poses.copy(), self.shape.body(measures)
-        for _ in range(_STEPS):
-            if some:
-                moved = self._linearise(body, fitted[usable], poses[usable], some, _REACHES[-1])
-                steps = np.stack([solved[:, -1] for solved, *_ in moved])
-                fitted[usable] = self._clip(fitted[usable] - steps)
+        fitted = poses.copy()
+        for _ in range(_STEPS if some else 0):
+            frames = self._linearise(
+                measures, fitted[usable], poses[usable], some, _REACHES[-1], free=False
+            )
+            steps = np.stack([normal.eliminate()[1] for normal in frames])
+            fitted[usable] = self._clip(fitted[usable] - steps)
         return fitted
 
-    def _step(
+    def joint_covariance(
+        self,
+        measures: np.ndarray,
+        covariance: np.ndarray,
+        outlines: Sequence[Outlines],
+        poses: np.ndarray,
+    ) -> np.ndarray:
+        """Return the covariance (M, J, 3, 3), m^2, of the joints in poses (M, D) of the body with
+        these measures, whose covariance (S, S) is given: what the outlines of the frame and of the
+        take leave open."""
+        body = self.shape.body(measures)
+        bones = np.array([joint.bone for joint in body.joints])
+        moved = self.shape.move_joints(measures, poses)
+        spread = np.empty((len(poses), len(bones), 3, 3))
+        frames = self._linearise(measures, poses, poses, outlines, _REACHES[-1])
+        for number, normal in enumerate(frames):
+            pose = poses[number : number + 1]
+            moves = bone_point_jacobian(body, pose, bones, posed_joints(body, pose))[0]
+            response, _ = normal.eliminate()
+            grown = -np.einsum("jda,ds->sja", moves, response)
+            grown[: self.shape.n_built] += moved[:, number]
+            own = np.einsum(
+                "jda,de,jeb->jab", moves, np.linalg.inv(normal.poses), moves, optimize=True
+            )
+            shared = np.einsum("sja,st,tjb->jab", grown, covariance, grown, optimize=True)
+            spread[number] = own + shared
+        return spread
+
+    def _linearise(
         self,
         measures: np.ndarray,
         poses: np.ndarray,
         tracked: np.ndarray,
         outlines: Sequence[Outlines],
         reach: float,
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return measures (S,) and poses (M, D) after a Gauss-Newton step, and the measures'
-        covariance (S, S)."""
-        growths = self.shape.growths(measures, poses)
-        precision = self.shape.spread**-2.0
-        matrix, vector = np.diag(precision), precision * measures
-        body = self.shape.body(measures)
-        solutions = self._linearise(body, poses, tracked, outlines, reach, growths)
-        for solved, mixed, own, gradient in solutions:
-            matrix = matrix + own - mixed.T @ solved[:, :-1]
-            vector = vector + gradient - mixed.T @ solved[:, -1]
-        covariance = np.linalg.inv(matrix)
-        change = -covariance @ vector
-        steps = np.stack([solved[:, :-1] @ change + solved[:, -1] for solved, *_ in solutions])
-        return measures + change, self._clip(poses - steps), covariance
-
-    def _linearise(
-        self,
-        body: BodyModel,
-        poses: np.ndarray,
-        tracked: np.ndarray,
-        outlines: Sequence[Outlines],
-        reach: float,
-        growths: np.ndarray | None = None,
-    ) -> list[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
-        """Return for each frame, with its pose eliminated: the pose's response to each measure and
-        its own step (D, S + 1), the normal matrices pose by measures (D, S) and measures by
-        measures (S, S), and the gradient (S,)."""
-        n, found = body.n_dof, []
+        *,
+        free: bool = True,
+    ) -> Iterator[_Normal]:
+        """Yield the normal equations of each frame. free: whether the measures may change."""
+        shape, template = self.shape, self.template
+        body, n = shape.body(measures), template.n_dof
         cones = posed_cones(body, poses)
-        if growths is None:
-            growths = np.zeros((len(poses), 0, len(body.cones), 8))
-        with threadpool_limits(1, "blas"):  # the products are small
-            for of, pose, start, mine, growth in zip(
-                outlines, poses, tracked, cones, growths, strict=True
-            ):
+        growths = (
+            shape.growths(measures, poses)
+            if free
+            else np.zeros((len(poses), 0, len(template.cones), 8))
+        )
+        soles = cones[:, self._soles]
+        lowest = (soles[..., [2, 6]] - soles[..., [3, 7]]).min((1, 2), initial=0.0)
+        has_floor = bool(self._soles) and bool(np.median(lowest) > -_BELOW)
+        for of, pose, start, mine, growth in zip(
+            outlines, poses, tracked, cones, growths, strict=True
+        ):
+            with threadpool_limits(1, "blas"):  # the products are small
                 cone, coordinates, normal, gap = nearest_outline(of, mine)
-                here = place_points(mine[cone], coordinates)
-                rows = np.concatenate([
-                    point_jacobian(body, pose, cone, here, normal),
+                bulged = shape.bulges(cone, coordinates)
+                gap = gap - bulged @ measures[shape.n_built :]
+                rows = [
+                    point_jacobian(body, pose, cone, place_points(mine[cone], coordinates), normal),
                     surface_displacements(mine, growth, cone, coordinates, normal),
-                ])  # fmt: skip
+                    bulged.T if free else np.zeros((0, len(of))),
+                ]
                 weight = robust_weights(gap, reach / REACH) * self._counted[cone]
-                weighted = rows * (weight / (_SHARED * _NOISE**2))
-                matrix, vector = weighted @ rows.T, -weighted @ gap
-                prior = self._spread**-2.0
-                own = matrix[:n, :n] + np.diag(prior + _DAMPING * np.diag(matrix[:n, :n]))
-                pull = vector[:n] + prior * (pose - start)
-                right = np.concatenate([matrix[:n, n:], pull[:, None]], 1)
-                solved = np.linalg.solve(own, right)
-                found.append((solved, matrix[:n, n:], matrix[n:, n:], vector[n:]))
-        return found
+                weight /= _SHARED * _NOISE**2
+                slopes, gaps = np.concatenate(rows), gap
+                if has_floor:
+                    sole, depth = self._find_sunken(body, pose, mine, growth, len(slopes))
+                    slopes = np.concatenate([slopes, sole], 1)
+                    gaps = np.concatenate([gaps, depth])
+                    weight = np.concatenate([weight, np.full(len(depth), _SOLE**-2.0)])
+                weighted = slopes * weight
+                matrix, vector = weighted @ slopes.T, -weighted @ gaps
+                own = matrix[:n, :n] + np.diag(self._prior + _DAMPING * np.diag(matrix[:n, :n]))
+                pull = vector[:n] + self._prior * (pose - start)
+                yield _Normal(own, matrix[:n, n:], matrix[n:, n:], pull, vector[n:])
+
+    def _find_sunken(
+        self, body: BodyModel, pose: np.ndarray, cones: np.ndarray, growth: np.ndarray, size: int
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return the soles' points below the floor: the derivatives (size, K) of their depths, and
+        minus the depths (K,) m."""
+        slopes, depths = [np.zeros((size, 0))], [np.zeros(0)]
+        for first in (0, 4):
+            ends = cones[self._soles, first : first + 4]
+            below = np.flatnonzero(ends[:, 2] < ends[:, 3])
+            sole = np.array(self._soles)[below]
+            up = np.tile([0.0, 0.0, 1.0], (len(sole), 1))
+            rows = np.zeros((size, len(sole)))
+            rows[: len(pose)] = point_jacobian(body, pose, sole, ends[below, :3], up)
+            rise = growth[:, sole, first + 2] - growth[:, sole, first + 3]
+            rows[len(pose) : len(pose) + len(rise)] = rise
+            slopes.append(rows)
+            depths.append(ends[below, 3] - ends[below, 2])
+        return np.concatenate(slopes, 1), np.concatenate(depths)
 
     def _clip(self, poses: np.ndarray) -> np.ndarray:
         return np.clip(poses, self.template.lower, self.template.upper)
@@ -307,6 +458,19 @@ def nearest_outline(
     normal = np.einsum("kij,ki->kj", frames[cone], direction)
     scale = np.maximum(np.linalg.norm(normal, axis=1), 1e-9)
     return cone, coordinates, normal / scale[:, None], signed[row, cone] / scale
+
+
+def _pair_beside(body: BodyModel, joint: Joint) -> tuple[str, ...]:
+    """Return the names of the left and the right bone between whose ends a joint is, such as the
+    hips for a pelvis; none for other joints."""
+    sides = {bone.name: bone for bone in body.bones if bone.parent == joint.bone}
+    for name, left in sides.items():
+        right = sides.get(f"r_{sideless(name)}")
+        if not name.startswith("l_") or right is None:
+            continue
+        if np.allclose(left.offset + right.offset, 2 * joint.position):
+            return name, right.name
+    return ()
 
 
 def _mirror(name: str) -> np.ndarray:

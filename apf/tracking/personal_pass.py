@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from apf.body.kinematics import posed_joints
+from apf.body.limbs import add_ankles
 from apf.initialisation.personal import Outlines, PersonalFit
 from apf.tracking.track import Track
 from apf.tracking.two_way import SMOOTHED_SECONDS, smooth_poses
@@ -25,17 +26,40 @@ def fit_personal_body(
     they were. fps: frames tracked per second."""
     first = tracks[0]
     assert first.body is not None
-    seen = ~first.lost & np.isin(first.frames, list(outlines))
-    fit = PersonalFit(first.body)
-    known = [outlines[int(index)] for index in first.frames[seen]]
-    measures, _ = fit.measure(known, first.poses[seen])
+    fit = PersonalFit(add_ankles(first.body))
+    rows, shown = _find_shown(first, outlines)
+    measures, covariance = fit.measure(shown, _with_ankles(first.poses, fit)[rows])
     body = fit.shape.body(measures)
     fitted = []
     for track in tracks:
-        seen = ~track.lost & np.isin(track.frames, list(outlines))
-        poses = track.poses.copy()
-        known = [outlines[int(index)] for index in track.frames[seen]]
-        poses[seen] = fit.pose(measures, known, poses[seen])
-        poses = smooth_poses(body, poses, seen, round(SMOOTHED_SECONDS * fps) | 1)
-        fitted.append(replace(track, body=body, poses=poses, joints=posed_joints(body, poses)))
+        rows, shown = _find_shown(track, outlines)
+        poses, diagnostics = _with_ankles(track.poses, fit), dict(track.diagnostics)
+        poses[rows] = fit.pose(measures, shown, poses[rows])
+        poses = smooth_poses(body, poses, rows, round(SMOOTHED_SECONDS * fps) | 1)
+        stated = np.array(track.covariance)
+        stated[rows] = fit.joint_covariance(measures, covariance, shown, poses[rows])
+        diagnostics["covariance"] = stated
+        if "deviation" in diagnostics:
+            diagnostics["deviation"] = _with_ankles(diagnostics["deviation"], fit)
+        joints = posed_joints(body, poses)
+        fitted.append(
+            replace(
+                track, body=body, dof_names=body.dof_names, poses=poses, joints=joints,
+                diagnostics=diagnostics,
+            )
+        )  # fmt: skip
     return fitted
+
+
+def _find_shown(
+    track: Track, outlines: Mapping[int, Outlines]
+) -> tuple[np.ndarray, list[Outlines]]:
+    """Return in which frames (F,) bool of a track the person is tracked and shown, and their
+    outlines."""
+    rows = ~track.lost & np.isin(track.frames, list(outlines))
+    return rows, [outlines[int(index)] for index in track.frames[rows]]
+
+
+def _with_ankles(poses: np.ndarray, fit: PersonalFit) -> np.ndarray:
+    """Return poses (F, D') of the fitted body from those (F, D) of one without ankles."""
+    return np.pad(poses, ((0, 0), (0, fit.template.n_dof - poses.shape[1])))

@@ -7,6 +7,8 @@ import pytest
 from helpers import bodies, scenes
 
 from apf.body.kinematics import posed_cones, posed_joints
+from apf.body.limbs import add_ankles
+from apf.body.stature import lowest_point
 from apf.initialisation.personal import (
     Outlines,
     PersonalFit,
@@ -14,11 +16,12 @@ from apf.initialisation.personal import (
     find_outlines,
     nearest_outline,
 )
-from apf.initialisation.shape_model import place_points
+from apf.initialisation.shape_model import nearest_coordinates, place_points, surface_samples
+from apf.tracking.uncertainty import is_inside_ellipsoid
 from psfs.cameras.camera import CameraRig
 from psfs.common.cones import ray_cone_distances
 
-SONG = bodies.named("song32")
+SONG = add_ankles(bodies.named("song32"))
 RIG = scenes.ring(4, (240, 320))
 
 
@@ -46,6 +49,8 @@ def taken() -> tuple[PersonalFit, np.ndarray, np.ndarray, list[Outlines]]:
     poses[:, :3] = SONG.rest_pose[:3]
     poses = np.clip(poses, SONG.lower, SONG.upper)
     cones = posed_cones(fit.shape.body(true), poses)
+    poses[:, 2] -= [lowest_point(of) for of in cones]  # they stand on the floor
+    cones = posed_cones(fit.shape.body(true), poses)
     return fit, true, poses, [outlines_of(of) for of in cones]
 
 
@@ -68,7 +73,8 @@ def test_measures_and_poses_are_found(
 ) -> None:
     fit, true, poses, outlines = taken
     tracked = poses + np.random.default_rng(0).normal(0, 0.03, poses.shape)
-    measures, spread = fit.measure(outlines, tracked)
+    measures, covariance = fit.measure(outlines, tracked)
+    spread = np.sqrt(np.diag(covariance))
     fitted = fit.pose(measures, outlines, tracked)
     joints = posed_joints(fit.shape.body(true), poses)
 
@@ -81,13 +87,17 @@ def test_measures_and_poses_are_found(
     lengths = [fit.shape.index["length", name, 0, 0] for name in ("thigh", "forearm")]
     assert measures[lengths[0]] > 0 > measures[lengths[1]]
     assert np.all(spread[lengths] < fit.shape.spread[lengths])
+    stated = fit.joint_covariance(measures, covariance, outlines, fitted)
+    off = posed_joints(fit.shape.body(measures), fitted) - joints
+    assert np.mean(is_inside_ellipsoid(off, stated)) > 0.9
+    assert np.sqrt(np.median(np.einsum("fjaa->fja", stated))) < 0.05
 
 
 def test_without_outlines_nothing_changes() -> None:
     fit, poses = PersonalFit(SONG), SONG.rest_pose[None]
     nothing = [find_outlines(RIG, *np.zeros((2, 4, RIG.height, RIG.width), bool))]
-    measures, spread = fit.measure(nothing, poses)
-    assert not measures.any() and np.array_equal(spread, fit.shape.spread)
+    measures, covariance = fit.measure(nothing, poses)
+    assert not measures.any() and np.array_equal(np.diag(covariance), fit.shape.spread**2)
     assert np.array_equal(fit.pose(measures, nothing, poses), poses)
 
 
@@ -104,9 +114,37 @@ def test_growths_are_derivatives_of_the_cones() -> None:
     shape, random = PersonalShape(SONG), np.random.default_rng(2)
     measures = random.normal(0, shape.spread)
     poses, step = bodies.random_poses(SONG, 2), 1e-5
-    found = shape.growths(measures, poses)
-    for number in range(0, len(measures), 7):
+    found, moved = shape.growths(measures, poses), shape.move_joints(measures, poses)
+    for number in range(0, shape.n_built, 7):
         move = step * np.eye(len(measures))[number]
+        ahead, behind = (posed_joints(shape.body(measures + s * move), poses) for s in (1, -1))
+        np.testing.assert_allclose(moved[number], (ahead - behind) / (2 * step), atol=1e-4)
         after, before = (posed_cones(shape.body(measures + s * move), poses) for s in (1, -1))
         expected = (after - before)[..., :8] / (2 * step)
         np.testing.assert_allclose(found[:, number], expected, atol=1e-4)
+
+
+def test_surfaces_mirror_each_other() -> None:
+    shape, mirror = PersonalShape(SONG), np.array([1.0, -1.0, 1.0])
+    cones = posed_cones(SONG, np.clip(np.zeros((1, SONG.n_dof)), SONG.lower, SONG.upper))[0]
+    cone, coordinates = surface_samples(SONG, 0.08)
+    here = place_points(cones[cone], coordinates)
+    names = SONG.cone_names
+    swapped = {"l_": "r_", "r_": "l_"}
+    twins = [names.index(swapped.get(name[:2], name[:2]) + name[2:]) for name in names]
+    other = np.array(twins)[cone]
+    turned = nearest_coordinates(here * mirror, cones[other])
+    np.testing.assert_allclose(place_points(cones[other], turned), here * mirror, atol=1e-6)
+    left, right = shape.bulges(cone, coordinates), shape.bulges(other, turned)
+    np.testing.assert_allclose(left, right, atol=1e-9)
+
+
+def test_soles_stay_on_the_floor() -> None:
+    fit = PersonalFit(SONG)
+    sunken = SONG.rest_pose[None].copy()
+    sunken[0, SONG.dof_names.index("l_foot.ry")] = 0.3  # toes down
+    cones = posed_cones(SONG, sunken)
+    sunken[0, SONG.dof_names.index("pelvis.tz")] -= lowest_point(cones[0]) + 0.05
+    sight = outlines_of(posed_cones(SONG, sunken)[0])
+    fitted = fit.pose(np.zeros(len(fit.shape.spread)), [sight], sunken)
+    assert lowest_point(posed_cones(SONG, fitted)[0]) > -0.01
