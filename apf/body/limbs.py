@@ -183,10 +183,10 @@ def add_ankles(body: BodyModel) -> BodyModel:
     """Return the body with feet that turn about its ankles: each cone `foot` becomes a bone, whose
     angles are the last degrees of freedom. A body without ankles, or with such bones, is returned
     as it is."""
-    ankles = {joint.name: joint for joint in body.joints}
     bones, cones, axes = list(body.bones), list(body.cones), list[FreeAxis]()
+    joints = {joint.name: joint for joint in body.joints}
     for side in ("l_", "r_"):
-        ankle, name = ankles.get(f"{side}ankle"), f"{side}foot"
+        ankle, name = joints.get(f"{side}ankle"), f"{side}foot"
         parts = [number for number, cone in enumerate(body.cones) if cone.name == name]
         if ankle is None or not parts or any(bone.name == name for bone in bones):
             continue
@@ -195,6 +195,7 @@ def add_ankles(body: BodyModel) -> BodyModel:
         )
         bones.append(Bone(name, ankle.bone, ankle.position, np.eye(3), turns))
         axes += turns
+        joints[ankle.name] = replace(ankle, bone=len(bones) - 1, position=np.zeros(3))
         for number in parts:
             start, end = (end - ankle.position for end in (cones[number].start, cones[number].end))
             cones[number] = replace(cones[number], bone=len(bones) - 1, start=start, end=end)
@@ -205,6 +206,7 @@ def add_ankles(body: BodyModel) -> BodyModel:
         body,
         bones=tuple(bones),
         cones=tuple(cones),
+        joints=tuple(joints.values()),
         dof_names=(*body.dof_names, *names),
         lower=np.concatenate([body.lower, lower]),
         upper=np.concatenate([body.upper, upper]),

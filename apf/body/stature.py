@@ -40,11 +40,13 @@ def ankle_cones(body: BodyModel) -> dict[int, float]:
     The height is that of the upright body; empty for a body without feet.
     """
     cones = posed_cones(body, _upright(body))[0]
+    places = posed_joints(body, _upright(body))[0]
     found = {}
-    for joint in body.joints:
-        own = [c for c, cone in enumerate(body.cones) if cone.bone == joint.bone]
+    for joint, place in zip(body.joints, places, strict=True):
+        leg = (joint.bone, body.bones[joint.bone].parent)
+        own = [c for c, cone in enumerate(body.cones) if cone.bone in leg]
         if joint.name in ANKLES and own:
-            away = [np.linalg.norm(body.cones[c].end - joint.position) for c in own]
+            away = [np.linalg.norm(cones[c, 4:7] - place) for c in own]
             nearest = own[int(np.argmin(away))]
             found[nearest] = float(cones[nearest, 6]) - lowest_point(cones)
     return found

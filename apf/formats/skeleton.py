@@ -126,10 +126,11 @@ class _Builder:
 
     def _add_joint(self, joint: Joint, bone_node: int) -> None:
         """Add a joint, unless its bone begins there, and its markers."""
+        own = bone_node
         if np.linalg.norm(joint.position) < 1e-9:
             self.node_of[joint.name] = bone_node
-            return
-        own = self._add_point(joint, bone_node, joint.position)
+        else:
+            own = self._add_point(joint, bone_node, joint.position)
         for marker in self._markers:
             side = marker.name.removesuffix(sideless(marker.name))
             if marker.bone == joint.bone and side + _HOLDERS[sideless(marker.name)] == joint.name:
