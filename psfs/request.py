@@ -16,7 +16,7 @@ from psfs.common.ranges import check_number
 from psfs.common.requests import Flag, Group, Part, Request
 from psfs.diagnostics.definitions import DEFINITION
 from psfs.footage.folder import check_folder
-from psfs.footage.settings import SequenceSettings
+from psfs.footage.settings import SequenceSettings, join_delays, split_delays
 from psfs.mesh.config import FORMATS as MESH_FORMATS
 from psfs.mesh.config import SMOOTHING
 from psfs.presets import PRESETS
@@ -72,16 +72,19 @@ def voxel_edge(text: str) -> float:
     return edge
 
 
-def parse_sync(text: str) -> str | dict[str, int]:
-    """Return `auto`, `audio`, or `cam03=5,cam01=-2` as a mapping."""
+def parse_sync(text: str) -> str | dict[str, Any]:
+    """Return `auto`, `audio`, or `cam03=5,cam01=-2.5*1.005` as a mapping."""
     if text in ("auto", "audio"):
         return text
     try:
         pairs = [item.rsplit("=", 1) for item in text.split(",")]
-        shifts = {name: int(late) for name, late in pairs}
-        if len(shifts) < len(pairs):
+        parts = [(name, [float(n) for n in by.split("*")]) for name, by in pairs]
+        if any(len(numbers) > 2 for _, numbers in parts):
             raise ValueError
-        return shifts
+        delays = {name: (numbers[0], [*numbers, 1.0][1]) for name, numbers in parts}
+        if len(delays) < len(pairs):
+            raise ValueError
+        return join_delays(delays)
     except ValueError:
         raise InputError(
             f"{text!r} is neither auto, audio nor frames by camera; expected e.g. "
@@ -89,8 +92,13 @@ def parse_sync(text: str) -> str | dict[str, int]:
         ) from None
 
 
-def _write_sync(sync: str | Mapping[str, int]) -> str:
-    return sync if isinstance(sync, str) else ",".join(f"{n}={late}" for n, late in sync.items())
+def _write_sync(sync: str | Mapping[str, Any]) -> str:
+    if isinstance(sync, str):
+        return sync
+    delays = split_delays(sync).items()
+    return ",".join(
+        f"{n}={by:g}" + (f"*{speed:.9g}" if speed != 1 else "") for n, (by, speed) in delays
+    )
 
 
 def _frame_rate(text: str) -> float:

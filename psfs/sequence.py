@@ -32,11 +32,10 @@ from psfs.footage.media import Decoder, Media, pad_pictures
 from psfs.footage.memory import FRAME_MEMORY, frame_memory_limit
 from psfs.footage.numbering import pair_by_number
 from psfs.footage.prefetch import prefetch
-from psfs.footage.settings import MIXTURES, SequenceSettings
+from psfs.footage.settings import MIXTURES, SequenceSettings, join_delays, split_delays
 from psfs.footage.sound import apply_sound
 from psfs.footage.threads import TIMEOUT_S, HangingError, Threads
-from psfs.footage.timestamps import pair_by_timestamps
-from psfs.footage.timing import find_timing, synchronise
+from psfs.footage.timing import synchronise
 
 #: Greatest memory and number of frames that are decoded ahead.
 _QUEUE_BYTES, _QUEUE_FRAMES = 256 * 2**20, 16
@@ -72,14 +71,13 @@ class Sequence:
             settings = settings.replace(sync=footage.late)
         settings, heard = apply_sound(settings, footage.images)
         self.settings = settings
-        sync = settings.sync if isinstance(settings.sync, Mapping) else {}
+        delays = split_delays(settings.sync)
         if settings.cameras is not None:
-            sync = {name: late for name, late in sync.items() if name in settings.cameras}
-        footage, numbering = pair_by_number(pair_by_timestamps(footage))
+            delays = {name: by for name, by in delays.items() if name in settings.cameras}
+        footage, numbering = pair_by_number(footage)
         self.notes = [*footage.notes, *heard]
-        self.timing, rates = find_timing(footage, settings.fps, sync, DEFAULT_FPS)
-        self.timing_notes = [*numbering, *rates]
-        self.footage = synchronise(footage, self.timing)
+        self.footage, self.timing, pairing = synchronise(footage, settings.fps, delays, DEFAULT_FPS)
+        self.timing_notes = [*numbering, *pairing]
         self.unit = footage.unit
         self.subject: str = settings.subject or "person"
         self.notes += self.timing_notes
@@ -151,11 +149,12 @@ class Sequence:
     def synchronise(self, late: Mapping[str, int]) -> Sequence:
         """Return the same views with late ones shifted; `late`: number of frames of the sequence,
         by the camera's name."""
-        before = self.settings.sync if isinstance(self.settings.sync, Mapping) else {}
+        delays = split_delays(self.settings.sync)
         own = self.timing.count_own_frames([late.get(name, 0) for name in self.rig.names])
-        both = {n: before.get(n, 0) + by for n, by in zip(self.rig.names, own, strict=True)}
-        shifts = {name: by for name, by in both.items() if by}
-        return self._again(self.settings.replace(sync=shifts))
+        for name, by in zip(self.rig.names, own, strict=True):
+            before, speed = delays.get(name, (0, 1))
+            delays[name] = before + by, speed
+        return self._again(self.settings.replace(sync=join_delays(delays)))
 
     def _again(self, settings: SequenceSettings) -> Sequence:
         """Open the same folder with other settings."""

@@ -8,7 +8,6 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
-import cv2
 import numpy as np
 
 from apf.formats.trc import JointSeries, write_trc
@@ -19,7 +18,7 @@ from psfs.cameras.calibration.toml_tables import write_toml_tables
 from psfs.common.files import write_picture
 from psfs.common.outputs import claim, clear_leftovers, output_folder, temporary_name
 from psfs.common.toml import write_toml
-from psfs.footage.media import name_for_opencv
+from psfs.output.video import write_video
 
 BACKGROUND_FRAMES = 30
 #: Every n-th frame's true silhouettes are written.
@@ -106,22 +105,14 @@ def _open_videos(folder: Path, scene: SyntheticScene) -> Iterator[Callable[[np.n
     them."""
     folder.mkdir()
     with ExitStack() as stack:
-        writers = []
-        for camera in scene.rig:
-            path = folder / f"{camera.name}.mp4"
-            codec, name = cv2.VideoWriter.fourcc(*"mp4v"), name_for_opencv(path)
-            writer = cv2.VideoWriter(name, codec, scene.config.fps, camera.size)
-            stack.callback(writer.release)
-            if not writer.isOpened():
-                raise InputError(
-                    f"{path}: cannot be written as a video; expected room on the disk, and OpenCV "
-                    "with mp4v"
-                )
-            writers.append(writer)
+        videos = [
+            stack.enter_context(write_video(folder / f"{camera.name}.mp4", scene.config.fps))
+            for camera in scene.rig
+        ]
 
         def write(images: np.ndarray) -> None:
-            for writer, image in zip(writers, images, strict=True):
-                writer.write(image)
+            for video, image in zip(videos, images, strict=True):
+                video.write(image)
 
         yield write
 

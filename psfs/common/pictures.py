@@ -7,6 +7,9 @@ import os
 import warnings
 from pathlib import Path
 
+# suppresses FFmpeg's messages; we raise errors ourselves
+os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
+
 import cv2
 import numpy as np
 from PIL import Image, UnidentifiedImageError
@@ -14,6 +17,11 @@ from PIL import Image, UnidentifiedImageError
 from cl import InputError
 from psfs.common.picture_size import check_picture_size
 from psfs.common.reading import open_input, parsing
+
+if hasattr(cv2, "setLogLevel"):  # OpenCV 4
+    cv2.setLogLevel(0)
+else:
+    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
 
 #: Largest picture file.
 _MOST_BYTES = 2**30

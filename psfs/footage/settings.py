@@ -31,8 +31,8 @@ _MAX_COORDINATE = 10_000.0
 
 #: What is filmed. People stand on the floor and are 0.5 to 2.5 m tall; objects may be anything.
 Subject = Literal["person", "object"]
-#: Frames by which a camera may come late, or early.
-_MAX_DELAY = 1_000_000
+#: Frames by which a camera may come late, or early, and the share by which its clock may differ.
+_MAX_DELAY, _MAX_DRIFT = 1_000_000, 0.1
 
 if TYPE_CHECKING:
     import numpy as np
@@ -124,7 +124,7 @@ class SequenceSettings(Config):
     sync: Any = setting(
         None,
         '"auto" (by the silhouettes), "audio" (by the sound of the videos), or by how many of its '
-        "frames a camera comes late, by name.",
+        "frames a camera comes late, by name; [frames, speed] if its clock runs differently.",
         "as many frames late as the files say",
         "frames",
         flag="--sync",
@@ -228,10 +228,31 @@ def _check_sync(value: object) -> object:
         raise InputError(
             f"sync = {value!r}; expected auto, audio, or frames by camera, as {{cam03 = 5}}"
         )
-    for name, late in value.items():
-        if not isinstance(late, int) or isinstance(late, bool) or abs(late) > _MAX_DELAY:
-            raise InputError(f"sync of {name} is {late!r}; expected a whole number of frames")
+    for name, delay in value.items():
+        parts = delay if isinstance(delay, (list, tuple)) and len(delay) == 2 else (delay, 1)
+        numbers = all(isinstance(n, (int, float)) and not isinstance(n, bool) for n in parts)
+        if not numbers or abs(parts[0]) > _MAX_DELAY or abs(parts[1] - 1) > _MAX_DRIFT:
+            raise InputError(
+                f"sync of {name} is {delay!r}; expected a number of frames, or that and its "
+                f"clock's speed, {1 - _MAX_DRIFT:g} to {1 + _MAX_DRIFT:g}"
+            )
     return dict(value)
+
+
+def split_delays(sync: object) -> dict[str, tuple[float, float]]:
+    """Return by how many of its frames each camera of a checked `sync` is late, and how many
+    seconds its clock counts in a second."""
+    delays = sync.items() if isinstance(sync, Mapping) else ()
+    return {name: tuple(by) if isinstance(by, (list, tuple)) else (by, 1) for name, by in delays}
+
+
+def join_delays(delays: Mapping[str, tuple[float, float]]) -> dict[str, Any]:
+    """Return the `sync` of `split_delays`; cameras without a delay are left out."""
+    return {
+        name: late if speed == 1 else [late, speed]
+        for name, (late, speed) in delays.items()
+        if (late, speed) != (0, 1)
+    }
 
 
 def _check_volume(value: object) -> object:

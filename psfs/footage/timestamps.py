@@ -1,4 +1,4 @@
-"""Pair the cameras' frames by `timestamps.csv`, where a recorder dropped frames.
+"""The times of frames in `timestamps.csv`, which a recorder that drops frames writes.
 
 A row per frame of a camera: `cam_id` (or `camera`), `frame_index` (or `frame`), `frame_time` (or
 `time`), s, as Caliscope and FreeMoCap write. The k-th frame of a camera's rows, ordered by number,
@@ -10,7 +10,6 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +20,6 @@ from psfs.common.files import MOST_BYTES, read_text
 from psfs.common.reading import parsing
 from psfs.footage.layouts.common import Footage
 from psfs.footage.media import Media
-from psfs.footage.timing import pair_frames
 
 NAME = "timestamps.csv"
 _WHAT = "times of frames"
@@ -31,29 +29,19 @@ _OTHER_UNIT = 100
 _COLUMNS = (("cam_id", "camera"), ("frame_index", "frame"), ("frame_time", "time"))
 
 
-def pair_by_timestamps(footage: Footage) -> Footage:
-    """Return the footage with those frames of its videos that were taken at the same times.
+def read_timestamps(footage: Footage) -> list[np.ndarray] | None:
+    """Return the times (F,) s of the frames of each camera's video, None without the file.
 
-    The file lies beside the videos; without one, or without videos, the footage is returned as it
-    is. Raises InputError for a file that does not fit the videos.
+    It lies beside the videos. Raises InputError for a file that does not fit the videos.
     """
     media = footage.images
     if not media or not all(item.is_video for item in media):
-        return footage
+        return None
     path = media[0].paths[0].parent / NAME
     if not path.is_file():
-        return footage
-    times = _assign_times(path, media)
+        return None
     _assign_times(path, footage.masks or ())  # raises for masks of other frames than the videos'
-    picks, apart = pair_frames(times)
-    if not picks:
-        raise InputError(f"{path}: no time is in all cameras; expected recordings that overlap")
-    note = (
-        f"frames are paired by {NAME}: {len(picks)} of up to {max(map(len, times))}, at most "
-        f"{1000 * apart:.0f} ms apart"
-    )
-    chosen = footage.select(lambda _, view: [indices[view] for indices in picks])
-    return replace(chosen, notes=[*footage.notes, note])
+    return _assign_times(path, media)
 
 
 def _assign_times(path: Path, media: Sequence[Media]) -> list[np.ndarray]:

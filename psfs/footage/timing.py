@@ -1,16 +1,21 @@
-"""Pair the cameras' frames in time, where frame rates differ or cameras start late."""
+"""Pair the cameras' frames by their times: those in the videos, or in `timestamps.csv`."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 
 from cl import InputError
 from psfs.cameras.names import join_names
 from psfs.footage.layouts.common import Footage
+from psfs.footage.media import Media
+from psfs.footage.timestamps import NAME, read_timestamps
 
+#: By how many of its frames a camera is late, and the seconds that its clock counts in a second.
+Delay: TypeAlias = tuple[float, float]
 #: Frame rates that differ by less than this share are treated as equal.
 _SAME_RATE = 0.01
 
@@ -24,26 +29,104 @@ class Timing:
     """
 
     rates: tuple[float, ...]
-    late: tuple[int, ...]
+    late: tuple[float, ...]
 
     @property
     def fps(self) -> float:
         return min(self.rates)
-
-    @property
-    def plain(self) -> bool:
-        """Whether frame k of the sequence is frame k of every camera."""
-        return len(set(self.rates)) == 1 and not any(self.late)
 
     def count_own_frames(self, late: Sequence[float]) -> list[int]:
         """Return by how many whole frames of its own each camera is late; late: (V,) in frames of
         the sequence."""
         return [round(by * rate / self.fps) for by, rate in zip(late, self.rates, strict=True)]
 
-    def frame_times(self, counts: Sequence[int]) -> list[np.ndarray]:
-        """Return the times (F,) s of each camera's frames; counts: their numbers."""
-        timed = zip(counts, self.late, self.rates, strict=True)
-        return [(np.arange(count) - late) / rate for count, late, rate in timed]
+
+def synchronise(
+    footage: Footage, fps: float | None, sync: Mapping[str, Delay], default: float
+) -> tuple[Footage, Timing, list[str]]:
+    """Select frames so that frame k shows the same time in all cameras; return the footage, its
+    timing, and remarks.
+
+    fps: stated for all cameras; None: by the times of the videos' frames, or `default` where none
+    are known. sync: delays by camera. Raises InputError if it names an unknown camera,
+    `timestamps.csv` does not fit, or no time is in all cameras.
+    """
+    names = footage.rig.names
+    unknown = [name for name in sync if name not in names]
+    if unknown:
+        raise InputError(f"sync names {join_names(unknown)}; the cameras are {join_names(names)}")
+    kinds = [kind for kind in (footage.images, footage.masks) if kind]
+    rates, clocks, notes = _read_clocks(kinds[0], fps, default)
+    stamps = read_timestamps(footage)
+    delays = [sync.get(name, (0, 1)) for name in names]
+    timing = Timing(tuple(rates), tuple(late for late, _ in delays))
+    times = [
+        (clock[: min(kind[view].count for kind in kinds)] - late / rates[view]) / speed
+        for view, (clock, (late, speed)) in enumerate(zip(stamps or clocks, delays, strict=True))
+    ]
+    if any(timing.late):
+        shifts = [f"{name} {by:+g}" for name, by in zip(names, timing.late, strict=True) if by]
+        notes.append(f"cameras are shifted in time, in frames: {join_names(shifts)}")
+    common = min(map(len, times))
+    furthest = max(abs(clock[:common] - times[0][:common]).max(initial=0) for clock in times)
+    if stamps is None and furthest <= max(map(_usual_interval, times)) / 2:
+        return footage, timing, notes
+    picks, apart = pair_frames(times)
+    if not picks:
+        raise InputError(
+            f"no time is in all cameras, which are late by {join_names(map(str, timing.late))} "
+            f"frames and have {join_names(str(len(clock)) for clock in times)}; expected "
+            "recordings that overlap"
+        )
+    if stamps is not None or not any(timing.late):
+        source = "the times in the videos" if stamps is None else NAME
+        notes.append(
+            f"frames are paired by {source}: {len(picks)} of up to {max(map(len, times))}, "
+            f"{timing.fps:g} per second, at most {1000 * apart:.0f} ms apart"
+            f"{_list_gaps(names, times)}"
+        )
+    return footage.select(lambda _, view: [frame[view] for frame in picks]), timing, notes
+
+
+def _read_clocks(
+    media: Sequence[Media], fps: float | None, default: float
+) -> tuple[list[float], list[np.ndarray], list[str]]:
+    """Return the frame rate of each camera, the times (F,) s of its frames, and remarks.
+
+    Rates that differ, where the numbers of frames do not, are taken to be wrong.
+    """
+    known = next((item.fps for item in media if item.fps), default)
+    rates = [fps or item.fps or known for item in media]
+    counts = np.array([item.count for item in media])
+    stamped = [item.times for item in media if item.times is not None and fps is None]
+    if max(rates) > min(rates):
+        durations = counts / rates
+        as_many = np.ptp(counts) == 0 or max(rates) - min(rates) > _SAME_RATE * max(rates)
+        if as_many and durations.max() * counts.min() > counts.max() * durations.min():
+            listed = [f"{item.name} {rate:g}" for item, rate in zip(media, rates, strict=True)]
+            note = (
+                f"frame rates differ ({join_names(listed)}), but not the numbers of frames: frame "
+                "k is taken for the same time in all; state `fps`"
+            )
+            rates, stamped = rates[:1] * len(rates), []
+            return rates, [np.arange(n) / rates[0] for n in counts], [note]
+    if len(stamped) == len(media):
+        return rates, stamped, []
+    return rates, [np.arange(n) / rate for n, rate in zip(counts, rates, strict=True)], []
+
+
+def _list_gaps(names: Sequence[str], times: Sequence[np.ndarray]) -> str:
+    """Return the cameras that lack frames, and where their longest gap is."""
+    listed = []
+    for name, clock in zip(names, times, strict=True):
+        intervals = np.diff(clock)
+        lost = np.round(intervals / _usual_interval(clock)).astype(int) - 1
+        if (lost > 0).any():
+            at = int(lost.argmax())
+            listed.append(
+                f"{name} lacks {lost.sum()} frames, {lost[at]} of them after its frame {at}"
+            )
+    return "".join(f"; {text}" for text in listed)
 
 
 def pair_frames(times: Sequence[np.ndarray]) -> tuple[list[tuple[int, ...]], float]:
@@ -53,11 +136,11 @@ def pair_frames(times: Sequence[np.ndarray]) -> tuple[list[tuple[int, ...]], flo
     leads; a time is left out if another camera has no frame within half that
     interval.
     """
-    intervals = [float(np.median(np.diff(own))) if len(own) > 1 else 0.0 for own in times]
+    intervals = [_usual_interval(clock) for clock in times]
     slowest = max(intervals)
     leader, reach = times[intervals.index(slowest)], 0.5 * slowest
-    nearest = np.column_stack([_find_nearest(own, leader) for own in times])  # (F, V)
-    found = np.column_stack([own[index] for own, index in zip(times, nearest.T, strict=True)])
+    nearest = np.column_stack([_find_nearest(clock, leader) for clock in times])  # (F, V)
+    found = np.column_stack([clock[index] for clock, index in zip(times, nearest.T, strict=True)])
     away = abs(found - leader[:, None]).max(1)
     near = away <= reach + 1e-9  # times that are computed are rounded
     picks: list[tuple[int, ...]] = []
@@ -78,60 +161,5 @@ def _find_nearest(times: np.ndarray, wanted: np.ndarray) -> np.ndarray:
     return np.where(times[after] - wanted < wanted - times[before], after, before)
 
 
-def find_timing(
-    footage: Footage, fps: float | None, sync: Mapping[str, int], default: float
-) -> tuple[Timing, list[str]]:
-    """Determine the frame rates and delays of the cameras; return them with remarks.
-
-    fps: stated for all cameras; None: the videos' rates, or `default` where none is known. If rates
-    differ, frames are paired by time, except if the cameras have equally many frames: then the
-    files' rates are taken to be wrong. sync: see `Settings`. Raises InputError if `sync` names an
-    unknown camera.
-    """
-    names = footage.rig.names
-    unknown = [name for name in sync if name not in names]
-    if unknown:
-        raise InputError(f"sync names {join_names(unknown)}; the cameras are {join_names(names)}")
-    late = tuple(sync.get(name, 0) for name in names)
-    notes = []
-    if any(late):
-        shifts = [f"{name} {by:+d}" for name, by in zip(names, late, strict=True) if by]
-        notes.append(f"cameras are shifted in time, in frames: {join_names(shifts)}")
-    media = footage.images or footage.masks or ()
-    known = [item.fps for item in media if item.fps]
-    if fps is not None or not known:
-        return Timing((fps or default,) * len(names), late), notes
-    rates = [item.fps or known[0] for item in media]
-    if max(rates) - min(rates) <= _SAME_RATE * max(rates):
-        return Timing((rates[0],) * len(names), late), notes
-    listed_rates = join_names(f"{name} {rate:g}" for name, rate in zip(names, rates, strict=True))
-    counts = np.array([item.count for item in media])
-    durations = counts / np.array(rates)
-    if durations.max() / durations.min() > counts.max() / counts.min():
-        notes.append(
-            f"frame rates differ ({listed_rates}), but not the numbers of frames: frame k is taken "
-            "for the same time in all; state `fps`"
-        )
-        return Timing((rates[0],) * len(names), late), notes
-    notes.append(
-        f"frame rates differ ({listed_rates}): frames are paired by time, {min(rates):g} per second"
-    )
-    return Timing(tuple(rates), late), notes
-
-
-def synchronise(footage: Footage, timing: Timing) -> Footage:
-    """Resample the footage so that frame k shows the same time in all cameras.
-
-    Raises InputError if no time is in all of them.
-    """
-    if timing.plain:
-        return footage
-    media = [kind for kind in (footage.images, footage.masks) if kind]
-    counts = [min(kind[view].count for kind in media) for view in range(len(footage.rig))]
-    picks, _ = pair_frames(timing.frame_times(counts))
-    if not picks:
-        raise InputError(
-            f"no time is in all cameras, which are late by {join_names(map(str, timing.late))} "
-            f"frames and have {join_names(map(str, counts))}"
-        )
-    return footage.select(lambda _, view: [frame[view] for frame in picks])
+def _usual_interval(times: np.ndarray) -> float:
+    return float(np.median(np.diff(times))) if len(times) > 1 else 0.0

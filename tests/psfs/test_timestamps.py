@@ -12,8 +12,7 @@ import pytest
 from cl import InputError
 from psfs.footage.layouts.uncalibrated import LAYOUT, read_uncalibrated
 from psfs.footage.settings import SequenceSettings
-from psfs.footage.timestamps import pair_by_timestamps
-from psfs.footage.timing import pair_frames
+from psfs.footage.timing import pair_frames, synchronise
 from psfs.sequence import Sequence
 
 TIMES = {0: [1.0, 1.1, 1.2, 1.3, 1.4, 1.5], 1: [1.09, 1.21, 1.41, 1.5]}  # 1.3 was dropped
@@ -44,7 +43,8 @@ def test_frames_of_the_same_time_go_together(tmp_path: Path) -> None:
     shown = [[float(image.mean()) for image in frame.images] for frame in views]  # type: ignore[union-attr]
     expected = [[20, 19], [30, 31], [50, 51], [60, 60]]
     np.testing.assert_allclose(shown, expected, atol=2)
-    assert any("timestamps.csv: 4 of up to 6, at most 10 ms apart" in note for note in views.notes)
+    note = "timestamps.csv: 4 of up to 6, 10 per second, at most 10 ms apart"
+    assert any(note in text for text in views.notes)
 
 
 def test_masks_go_with_the_pictures(tmp_path: Path) -> None:
@@ -53,12 +53,12 @@ def test_masks_go_with_the_pictures(tmp_path: Path) -> None:
     for video in film(tmp_path).glob("*.avi"):
         shutil.copy(video, masks)
     footage = read_uncalibrated(tmp_path, SequenceSettings(), silhouettes=True)
-    paired = pair_by_timestamps(footage)
+    paired, _, _ = synchronise(footage, None, {}, 30)
     assert [item.count for item in paired.masks or ()] == [4, 4]
     shutil.copy(masks / "cam_1.avi", masks / "cam_0.avi")
     footage = read_uncalibrated(tmp_path, SequenceSettings(), silhouettes=True)
     with pytest.raises(InputError, match="6 times of cam_0, whose video has 4 frames"):
-        pair_by_timestamps(footage)
+        synchronise(footage, None, {}, 30)
 
 
 @pytest.mark.parametrize(
