@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
 
 from pydantic.fields import FieldInfo
 
-from apf.cluster.config import WorkerConfig
+from apf.cluster import CORES_BESIDE_GPU, PER_GPU
 from apf.evaluation.marker_sets import SHIPPED
 from apf.filters.method import Method
 from apf.filters.objectives import OBJECTIVES
@@ -20,7 +21,7 @@ from apf.live.config import LiveConfig
 from apf.presets import PRESETS
 from apf.report import PAGE
 from apf.synthetic.config import SceneConfig
-from apf.tracking.config import ON_CPU, ON_GPU, SmoothingConfig, TriangulatedConfig
+from apf.tracking.config import SmoothingConfig, TriangulatedConfig
 from apf.tracking.exports import EXPORTS, OF_POINTS, OPENSIM
 from cl import InputError
 from psfs import request as of_psfs
@@ -333,9 +334,16 @@ class TrackRequest(TrackingRequest):
     ] = None  # fmt: skip
     at_once: Annotated[
         int | None,
-        Flag(f"of several takes, work on N at a time (default: {ON_GPU} on a GPU, "
-             f"else {ON_CPU})", "N", saved=True),
-    ] = None  # fmt: skip
+        Flag("of several takes, work on N at a time (default: as the workers of apf batch)", "N"),
+    ] = None
+
+    def batch(self) -> BatchRequest:
+        """Return the request of `apf batch` for several takes, which are not exported."""
+        stated = self.stated.only(BatchRequest)
+        values = {**stated.values, "to": ()}
+        if self.at_once is not None:
+            values["workers"] = self.at_once
+        return BatchRequest.from_stated(replace(stated, values=values))
 
 
 class BatchRequest(TrackingRequest):
@@ -345,8 +353,8 @@ class BatchRequest(TrackingRequest):
 
     workers: Annotated[
         int | None,
-        Flag(f"on this machine (default: for each GPU {WorkerConfig().per_gpu}, or as many as "
-             f"there are {WorkerConfig().beside_gpu:g} cores each; without GPU one for each core)",
+        Flag(f"on this machine (default: for each GPU {PER_GPU}, or as many as "
+             f"there are {CORES_BESIDE_GPU} cores each; without GPU one for each core)",
              "N", group=WORKERS, either="workers"),
     ] = None  # fmt: skip
     scheduler: Annotated[

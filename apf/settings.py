@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from apf.cluster.config import ChunksConfig, WorkerConfig
 from apf.filters.method import Method
 from apf.initialisation.config import StartConfig
 from apf.initialisation.fit_config import JointFitConfig, KeypointStartConfig
@@ -25,13 +24,6 @@ class KeypointSettings(Config):
     association: AssociationConfig = part(AssociationConfig)
 
 
-class ClusterSettings(Config):
-    """Many takes, and long ones in chunks."""
-
-    chunks: ChunksConfig = part(ChunksConfig)
-    workers: WorkerConfig = part(WorkerConfig)
-
-
 class Settings(of_psfs.Settings):
     """The settings of every room of psfs and apf."""
 
@@ -46,5 +38,4 @@ class Settings(of_psfs.Settings):
     quality: QualityConfig = part(QualityConfig)
     motion: MotionConfig = part(MotionConfig)
     live: LiveConfig = part(LiveConfig)
-    cluster: ClusterSettings = part(ClusterSettings)
     synthetic: SceneConfig = part(SceneConfig)

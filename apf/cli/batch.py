@@ -3,8 +3,8 @@ workers."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from contextlib import closing, contextmanager
+from collections.abc import Mapping
+from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,14 +12,14 @@ from apf.cli.batch_chunks import PARTS, plan_take
 from apf.cli.batch_report import BatchReport
 from apf.cli.batch_take import TakeJob, find_finished
 from apf.cluster.connection import (
+    DaskPool,
     connect_cluster,
     find_scheduler,
     import_distributed,
-    start_cluster,
 )
-from apf.cluster.page import FILES, LOGS
 from apf.cluster.pool import Pool, run_workflows
-from apf.cluster.whole_folder import clear_partial
+from apf.cluster.processes import Processes
+from apf.cluster.table import FILES, LOGS
 from apf.cluster.workers import share_machine
 from apf.request import TRIANGULATE, BatchRequest, TrackRequest
 from apf.takes.job import take_names
@@ -49,51 +49,36 @@ class ListedTake:
 
 
 def run(request: BatchRequest) -> None:
-    import_distributed()  # before anything that takes time
+    if request.scheduler is not None:
+        import_distributed()  # before anything that takes time
     if request.part_frames is not None:
         check_number("--part-frames", request.part_frames, 2)
     jobs = make_jobs(request)
     assert request.output is not None
-    if request.scheduler is None and request.workers is not None:
-        share_machine(request.device, request.workers)  # before anything is written
-    if request.scheduler is not None and not all(map(find_finished, jobs)):
-        find_scheduler(request.scheduler)
-    inputs = [job.source for job in jobs]
-    with output_folder(request.output, request.COMMAND, inputs, FILES) as out:
-        out.begin()
-        with BatchReport(request.output, [job.name for job in jobs]) as report:
-            left = []
-            for job in jobs:
-                done = find_finished(job)
-                left += [job] if done is None else []
-                if done is not None:
-                    report.add(job.name, done)
-            if left:
-                _do(request, left, report)
-        report.raise_failures()
-
-
-def _do(request: BatchRequest, jobs: list[TakeJob], report: BatchReport) -> None:
-    with _cluster(request, len(jobs)) as client:
-        courses = {job.name: plan_take(job) for job in jobs}
-        pool = Pool(client, report.progress)
-        with closing(run_workflows(pool, courses)) as outcomes:
-            for name, outcome in outcomes:
+    shares = [] if request.scheduler else share_machine(request.device, request.workers)
+    done = {job.name: take for job in jobs if (take := find_finished(job)) is not None}
+    left = [job for job in jobs if job.name not in done]
+    if left and request.scheduler is not None:
+        find_scheduler(request.scheduler)  # before anything is written
+    with ExitStack() as stack:
+        inputs = [job.source for job in jobs]
+        out = output_folder(request.output, request.COMMAND, inputs, FILES)
+        stack.enter_context(out).begin()
+        report = stack.enter_context(BatchReport(request.output, [job.name for job in jobs]))
+        for name, take in done.items():
+            report.add(name, take)
+        if left:
+            pool: Pool
+            if request.scheduler is not None:
+                cluster = connect_cluster(request.scheduler, resolve_path(request.output))
+                pool = DaskPool(stack.enter_context(cluster), report.progress)
+            else:
+                shares = shares[: len(left)] if request.workers is None else shares
+                pool = stack.enter_context(Processes(shares, report.progress))
+            workflows = {job.name: plan_take(job) for job in left}
+            for name, outcome in stack.enter_context(closing(run_workflows(pool, workflows))):
                 report.add(name, outcome)
-    for job in jobs:  # no worker processes them any more, here or elsewhere
-        clear_partial(job.out, of_all=True)
-
-
-@contextmanager
-def _cluster(request: BatchRequest, n_takes: int) -> Iterator[object]:
-    assert request.output is not None
-    if request.scheduler is not None:
-        with connect_cluster(request.scheduler, resolve_path(request.output)) as client:
-            yield client
-        return
-    shares = share_machine(request.device, request.workers)
-    with start_cluster(shares[:n_takes] if request.workers is None else shares) as client:
-        yield client
+    report.raise_failures()
 
 
 def make_jobs(request: BatchRequest) -> list[TakeJob]:

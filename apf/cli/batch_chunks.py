@@ -12,7 +12,6 @@ import numpy as np
 from apf.body.toml import load_body, save_body
 from apf.cli.batch_take import TakeDone, TakeJob, process_take, write_take
 from apf.cluster.chunks import cut_chunks, find_seam, join_tracks, to_millimetres
-from apf.cluster.config import ChunksConfig
 from apf.cluster.pool import Task, Workflow
 from apf.cluster.task_side import TaskProgress, log_to
 from apf.cluster.workers import select_worker_device
@@ -40,6 +39,11 @@ from psfs.volume import automatic_grid, find_volume
 PARTS = "parts"
 #: The file of a take's first pose, in its folder there.
 START = "start.txt"
+#: Time that two chunks share, s: a track has settled on a start within about half of it.
+_OVERLAP = 1.0
+#: Mean distance over the joints up to which two tracks of a frame are the same but for noise, m:
+#: runs with different seeds lie 10 to 20 mm apart, a wrong start 100 and more.
+_AGREEMENT = 0.05
 
 
 def plan_take(job: TakeJob) -> Workflow:
@@ -67,7 +71,7 @@ def cut_take(progress: TaskProgress, job: TakeJob, part_frames: int) -> tuple[Ta
         examination, request, _ = _examine(request, device, progress)
         session = examination.session
         frames = select_common_frames(request.frames, session.sequence, progress.warn)
-        overlap = round(ChunksConfig().overlap * session.rate)
+        overlap = round(_OVERLAP * session.rate)
         chunks = cut_chunks(frames, part_frames, overlap)
         if len(chunks) < 2:
             print(f"{len(frames)} frames are too few for parts of {part_frames} that overlap")
@@ -135,7 +139,7 @@ def join_chunks(progress: TaskProgress, job: TakeJob, chunks: Sequence[TakeJob])
         tracks = [Track.open(chunks[0].out)]
         for chunk in chunks[1:]:
             track = Track.open(chunk.out)
-            if find_seam(tracks[-1], track).distance > ChunksConfig().agreement:
+            if find_seam(tracks[-1], track).distance > _AGREEMENT:
                 print(f"{chunk.name}: does not agree with the part before; tracked again")
                 track = _track_chunk_from(progress, chunk, tracks[-1])
             tracks.append(track)

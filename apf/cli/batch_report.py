@@ -12,10 +12,8 @@ from typing import Any
 from rich.progress import TaskID
 
 from apf.cli.batch_take import TakeDone
-from apf.cluster.page import LOGS, write_index
-from apf.cluster.take_row import TakeRow
+from apf.cluster.table import LOGS, TakeRow, write_index
 from apf.cluster.task_side import Progress
-from apf.cluster.whole_folder import replace_temporary_names
 from apf.tracking.progress import BY_FRAMES
 from cl import InputError
 from psfs.cli.commandline import progress_bar, stderr, stdout
@@ -74,7 +72,7 @@ class BatchReport(AbstractContextManager["BatchReport"]):
             self._done[name] = outcome
             text = "finished already" if outcome.kept else describe_done(outcome)
         else:
-            text = replace_temporary_names(describe(outcome))
+            text = describe(outcome)
             self._failed[name] = TakeRow(name, status="failed", error=text)
             text = f"failed: {text}"
         self._remove_lines(name)
@@ -110,8 +108,8 @@ class BatchReport(AbstractContextManager["BatchReport"]):
 
     def _write(self) -> None:
         waiting = [n for n in self._names if n not in self._done and n not in self._failed]
-        rows = [TakeRow(name, status="waiting") for name in waiting]
-        write_index(self._out, self._failed, rows)
+        rows = {name: TakeRow(name, status="waiting") for name in waiting}
+        write_index(self._out, {**rows, **self._failed})
         self._written = time.monotonic()
 
     def _show(self) -> None:
@@ -135,4 +133,5 @@ def describe_done(outcome: TakeDone) -> str:
     words = [f"{who}{first.frames} frames tracked in {first.took:.1f} s"]
     words += [f"lost in {lost}"] * (lost > 0)
     words += [f"look at {limbs}"] * bool(limbs)
+    words += [verdict for verdict in dict.fromkeys(row.quality for row in rows) if verdict]
     return ", ".join(words)

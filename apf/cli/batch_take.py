@@ -1,26 +1,24 @@
-"""One take on a worker: run the commands' own code, into a folder that is either complete or
-absent."""
+"""One take on a worker: the commands' own code, whose results are recorded when they are whole."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
 from apf.cli import export
-from apf.cli.track import track_one
-from apf.cluster.record import FileFacts, TakeRecord, list_files
-from apf.cluster.take_row import TakeRow, write_thumbnail
+from apf.cli.take_report import track_one
+from apf.cluster.record import TakeRecord, describe_files, list_files
+from apf.cluster.table import TakeRow, write_thumbnail
 from apf.cluster.task_side import TaskProgress, log_to
-from apf.cluster.whole_folder import replace_folder
 from apf.cluster.workers import select_worker_device
 from apf.evaluation.evaluate import Evaluation
 from apf.evaluation.people import evaluate_tracks
 from apf.request import ExportRequest, TrackRequest
-from apf.takes.job import seed_folders
-from apf.takes.results import FinishedTake
+from apf.takes.job import list_inputs, seed_folders
+from apf.takes.results import RESULTS, FinishedTake
 from cl import Device, InputError, NumpyDevice
 from psfs.common.outputs import MANIFEST, output_folder
 from psfs.common.requests import collect_settings
@@ -84,8 +82,7 @@ def find_finished(job: TakeJob) -> TakeDone | None:
 def process_take(progress: TaskProgress, job: TakeJob) -> TakeDone:
     """Track a take, unless it is finished; a worker that died just after it may have finished it.
 
-    Raises UserError, and KeyboardInterrupt when the task is to stop; the folder of results is then
-    unchanged.
+    Raises UserError, and KeyboardInterrupt when the task is to stop.
     """
     done = find_finished(job)
     if done is not None:
@@ -102,34 +99,32 @@ def write_take(
     write: Callable[[TrackRequest, Device | NumpyDevice], Sequence[FinishedTake]],
     **facts: object,
 ) -> TakeDone:
-    """Return the take that `write(request, device)` wrote into the folder `request.output`, and of
-    which it returned the part of each person. The folder gets its final name when the record and
-    all other files of the take are in it. facts: for `TakeRow`."""
+    """Return the take that `write(request, device)` wrote into its folder, and of which it returned
+    the part of each person. The record is written last. facts: for `TakeRow`."""
     progress.begin("reading")
-    wanted = job.record()
+    record = job.record()
     began = time.monotonic()
-    with replace_folder(job.out) as partial, output_folder(partial, "apf batch"):
-        request = job.request.replace(output=partial)
-        device = select_worker_device(request.device)
-        everybody = write(request, device)
+    with output_folder(job.out, "apf batch", list_inputs(job.request), RESULTS):
+        device = select_worker_device(job.request.device)
+        everybody = write(job.request, device)
         progress.begin("exports")
         folders = [
-            folder for done in everybody for folder in seed_folders(request, done.folder or partial)
+            folder
+            for done in everybody
+            for folder in seed_folders(job.request, done.folder or job.out)
         ]
         for folder in folders if job.exports else ():
             export.run(ExportRequest(track=folder, to=job.exports))
         progress.begin("writing")
         facts |= {"device": device.name, "worker": progress.worker}
         facts |= {"took": round(time.monotonic() - began, 2)}
-        errors = compare_with_truth(everybody)
         rows = tuple(
             row
-            for done, found in zip(everybody, errors, strict=True)
-            for row in _write_rows(job, partial, done, found, facts)
+            for done, errors in zip(everybody, compare_with_truth(everybody), strict=True)
+            for row in _write_rows(job, done, errors, facts)
         )
-        written = [path for path in list_files(partial) if path.name != MANIFEST]
-        outputs = {str(path.relative_to(partial)): FileFacts.read(path) for path in written}
-        replace(wanted, outputs=outputs, rows=rows).write(partial)
+        written = [path for path in list_files(job.out) if path.name != MANIFEST]
+        replace(record, outputs=describe_files(job.out, written), rows=rows).write(job.out)
     progress.end()
     return TakeDone(rows, False, dict(progress.seconds), dict(progress.core_seconds))
 
@@ -155,16 +150,15 @@ def compare_with_truth(
 
 def _write_rows(
     job: TakeJob,
-    partial: Path,
     done: FinishedTake,
     errors: Sequence[Evaluation | None],
     facts: Mapping[str, object],
 ) -> list[dict[str, object]]:
     """Return the rows of the tracks of a person, one per seed, and write their thumbnails."""
     rows, take = [], done.take
-    folders = seed_folders(job.request, done.folder or partial)
-    for own, found, folder in zip(take.tracks, errors, folders, strict=True):
-        write_thumbnail(folder, take, own)
-        name = "/".join((job.name, *folder.relative_to(partial).parts))
-        rows.append(TakeRow.summarise(name, folder, take, own, found, **facts).plain())
+    folders = seed_folders(job.request, done.folder or job.out)
+    for track, error, folder in zip(take.tracks, errors, folders, strict=True):
+        write_thumbnail(folder, take, track)
+        name = "/".join((job.name, *folder.relative_to(job.out).parts))
+        rows.append(asdict(TakeRow.summarise(name, folder, take, track, error, **facts)))
     return rows

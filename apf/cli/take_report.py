@@ -1,26 +1,29 @@
-"""Progress and results of `apf track`: a line of the bar for each take in work, a table at the
-end."""
+"""Track a take with its progress and results on the terminal."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass, field
 
 import numpy as np
-from rich.table import Table
 
 from apf.evaluation.evaluate import evaluate
 from apf.evaluation.people import load_followed_truth
-from apf.takes.results import Judgement, was_interrupted
-from apf.tracking.progress import ProgressLine
+from apf.report import PAGE
+from apf.request import TrackRequest
+from apf.takes.job import list_inputs
+from apf.takes.results import RESULTS, FinishedTake, Judgement, was_interrupted
+from apf.takes.track import run_track
+from apf.tracking.progress import ProgressLine, StageProgress
 from apf.tracking.take import Take
-from apf.tracking.track import spans
-from cl import InputError
+from apf.tracking.track import PEOPLE, spans
+from cl import Device, InputError, NumpyDevice
 from psfs.cli.commandline import remark, stderr, stdout, warn
+from psfs.common.outputs import output_folder
 
 
 class TakeLine(ProgressLine):
-    """The line of one take in the bar of a command, which prints what there is to tell."""
+    """The line of a take in the bar of a command, which prints what there is to tell."""
 
     def warn(self, text: str) -> None:
         warn(text)
@@ -32,61 +35,33 @@ class TakeLine(ProgressLine):
         stderr.print(text, soft_wrap=True, markup=False)
 
 
-@dataclass
-class TakeReport:
-    """The results of all takes so far, with a row for each seed."""
+def track_one(
+    request: TrackRequest,
+    device: Device | NumpyDevice,
+    line: StageProgress,
+    stop: Callable[[], object] = lambda: None,
+) -> list[FinishedTake]:
+    """Track one take, write its files and print the results. Return the take of each person.
 
-    names: list[str]
-    rows: dict[str, list[tuple[str, ...]]] = field(default_factory=dict)
-    spreads: dict[str, list[str]] = field(default_factory=dict)
-    errors: dict[str, str] = field(default_factory=dict)
-
-    def add_take(
-        self, name: str, take: Take, n_frames: int, judgements: list[Judgement], spread: list[str]
-    ) -> None:
-        """Record a take, of which `n_frames` were requested, with a judgement per seed; call it
-        once for each person. spread: lines on the differences between seeds."""
-        start = "given" if take.start is None else f"{take.start.registration_error:.2f}"
-        done = len(take.tracks[0])
-        frames = str(done) if done == n_frames else f"{done} of {n_frames}"
-        self.rows[name] = self.rows.get(name, []) + [
-            (
-                frames,
-                f"{done / take.seconds:.1f}",
-                str(one.quality.track.lost.sum()),
-                start,
-                one.quality.verdict,
-                str(one.folder),
-            )
-            for one in judgements
-        ]
-        self.spreads[name] = self.spreads.get(name, []) + spread
-
-    def add_failure(self, name: str, error: Exception) -> None:
-        """Record a take with invalid input."""
-        self.errors[name] = f"{name} failed: {error}"
-        self.rows[name] = [("-", "-", "-", "-", "-", "failed")]
-
-    def line(self, name: str) -> str:
-        """Return a line on a take that is done."""
-        return self.errors.get(name, f"{name}: {self.rows[name][0][0]} frames tracked")
-
-    def show(self) -> None:
-        """Print a table of all takes in the order given, the differences between their seeds, and
-        the errors of those that failed."""
-        table = Table()
-        figures = ("frames", "frames/s", "lost frames", "start's error")
-        for heading in ("take", *figures, "looks", "results"):
-            words = heading in ("take", "looks", "results")
-            table.add_column(heading, justify="left" if words else "right", overflow="fold")
-        for name in self.names:
-            for row in self.rows.get(name, [("-", "-", "-", "-", "-", "not tracked")]):
-                style = "red" if name in self.errors else None
-                table.add_row(name, *row, style=style)
-        stdout.print(table)
-        spreads = [f"{name}: {text}" for name, texts in self.spreads.items() for text in texts]
-        for text in (*spreads, *self.errors.values()):
-            stdout.print(text, soft_wrap=True)
+    stop: called after tracking, before anything is printed. Raises UserError; raises
+    KeyboardInterrupt after writing the track so far, if `line` raised one.
+    """
+    assert request.output is not None
+    with output_folder(request.output, request.COMMAND, list_inputs(request), RESULTS) as out:
+        everybody = run_track(request, device, line, out=out)
+        stop()
+        for done in everybody:
+            done.raise_error()
+            for judgement in done.judgements:
+                print_outcome(judgement, done.n_frames)
+            if done.interrupted:
+                raise KeyboardInterrupt
+            for text in describe_spread(done.take):
+                stdout.print(text)
+        if (request.output / PEOPLE).exists():
+            page = PAGE if (request.output / PAGE).exists() else PEOPLE
+            stdout.print(f"all people together: {request.output / page}", soft_wrap=True)
+    return everybody
 
 
 def describe_spread(take: Take) -> list[str]:

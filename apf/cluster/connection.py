@@ -1,23 +1,23 @@
-"""Start a Dask cluster of this command's own, or connect to a running one."""
+"""Connect to a running Dask cluster, and run tasks on its workers."""
 
 from __future__ import annotations
 
 import logging
 import socket
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager
-from functools import partial
+import uuid
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 from urllib.parse import urlsplit
 
-from apf.cluster.workers import Share, make_setup_plugin
+from apf.cluster.pool import Outcome, Pool, Task
+from apf.cluster.task_side import Progress, run_task, stop
+from apf.cluster.workers import set_up_worker
 from cl import InputError
 from psfs.common.files import read_json
 from psfs.common.schema import Table, parse_values
-from psfs.common.scratch import temporary_folder
-from psfs.common.system import defer_interrupts
 from psfs.common.versions import versions
 
 
@@ -27,12 +27,11 @@ class _SchedulerFile(Table):
     address: str
 
 
-#: Number of workers that may die during a task before the scheduler gives it up.
-ATTEMPTS = 3
 #: Networks of Dask whose servers are not asked for their greeting.
 _OTHER_NETWORKS = ("tls", "ucx", "ucxx", "ws", "wss")
 #: Bytes; of a scheduler about 200.
 _LONGEST_GREETING = 2**16
+_GONE = "the scheduler has gone; what is finished is kept: give the command again"
 
 
 def import_distributed() -> ModuleType:
@@ -41,7 +40,7 @@ def import_distributed() -> ModuleType:
         import distributed
     except ImportError:
         raise InputError(
-            "many takes on workers need dask.distributed, which is not installed; expected: "
+            "--scheduler needs dask.distributed, which is not installed; expected: "
             "pip install psfs-apf[cluster]"
         ) from None
     # Dask logs every worker that joins or leaves; the tasks' outcomes report what matters.
@@ -50,61 +49,6 @@ def import_distributed() -> ModuleType:
         if name.split(".")[0] in ("distributed", "asyncio", "tornado"):
             logging.getLogger(name).setLevel(logging.CRITICAL)
     return distributed
-
-
-@contextmanager
-def start_cluster(shares: Sequence[Share]) -> Iterator[object]:
-    """Start a cluster on this machine with a worker process per share, and yield its client.
-
-    Workers that die are restarted. All end with this process, however it ends.
-    """
-    distributed = import_distributed()
-    import dask
-
-    quiet = {
-        "distributed.scheduler.allowed-failures": ATTEMPTS - 1,
-        "distributed.worker.daemon": False,  # so that a worker may start processes
-        # it would interrupt the take 100 times a second
-        "distributed.worker.profile.enabled": False,
-    }
-    local = {"host": "127.0.0.1", "dashboard": False, "silence_logs": logging.CRITICAL}
-    with (
-        temporary_folder() as scratch,
-        dask.config.set({**quiet, "temporary-directory": str(scratch)}),
-    ):
-        common = {**local, "nthreads": 1, "memory_limit": 0, "local_directory": str(scratch)}
-        workers = {
-            number: {"cls": distributed.Nanny, "options": {**common, "env": share.environment}}
-            for number, share in enumerate(shares)
-        }
-        page = {"dashboard": False, "dashboard_address": "127.0.0.1:0"}
-        scheduler = {"host": "127.0.0.1", "port": 0, **page}
-        with ExitStack() as stack:
-            with defer_interrupts():  # a cluster that is half started cannot be closed
-                make = partial(
-                    distributed.SpecCluster,
-                    workers=workers,
-                    scheduler={"cls": distributed.Scheduler, "options": scheduler},
-                    silence_logs=logging.CRITICAL,
-                )
-                cluster = stack.enter_context(_start_again_if_one_dies(make))
-            client = stack.enter_context(distributed.Client(cluster))
-            client.wait_for_workers(len(shares))
-            client.register_plugin(make_setup_plugin(embedded=True))
-            yield client
-
-
-def _start_again_if_one_dies(make: Callable[[], Any]) -> Any:
-    """Return the cluster that `make` starts. Raises InputError if a worker dies at each attempt."""
-    for _ in range(ATTEMPTS):
-        try:
-            return make()
-        except RuntimeError as error:  # the cluster has closed itself
-            reason = error.__cause__ or error
-    raise InputError(
-        f"a worker process ended while it started, {ATTEMPTS} times ({reason}); expected enough "
-        "memory for fewer --workers, or a Python that starts"
-    )
 
 
 def find_scheduler(address: str, patience: float = 10.0) -> str:
@@ -131,8 +75,8 @@ def _no_answer_error(address: str, error: Exception) -> InputError:
 
 
 @contextmanager
-def connect_cluster(address: str, shared: Path, patience: float = 10.0) -> Iterator[object]:
-    """Connect to a running scheduler and yield the client.
+def connect_cluster(address: str, shared: Path, patience: float = 10.0) -> Iterator[Any]:
+    """Connect to a running scheduler and yield its client, see `DaskPool`.
 
     address: `tcp://HOST:PORT`, or the file that a scheduler wrote (`--scheduler-file`). patience:
     time to wait for the scheduler and for its first worker, s. Raises InputError if none answers,
@@ -153,7 +97,7 @@ def connect_cluster(address: str, shared: Path, patience: float = 10.0) -> Itera
                 f"--scheduler {address}: has no worker; expected one: dask worker {address}"
             ) from None
         _check_workers(client, shared)
-        client.register_plugin(make_setup_plugin(embedded=False))
+        client.register_plugin(_make_setup_plugin())
         yield client
 
 
@@ -193,3 +137,72 @@ def _check_workers(client: Any, shared: Path) -> None:
 
 def _inspect_worker(folder: str) -> tuple[str, bool]:
     return versions()["psfs-apf"], Path(folder).is_dir()
+
+
+def _make_setup_plugin() -> Any:
+    """Return the Dask plugin that sets up every worker, also those that join later."""
+    from distributed import WorkerPlugin
+
+    class TakeWorker(WorkerPlugin):
+        name = "apf-take-worker"
+
+        def setup(self, worker: object) -> None:
+            set_up_worker()
+
+    return TakeWorker()
+
+
+class DaskPool(Pool):
+    """The workers of a Dask cluster, by its `client`, as many as they have threads. Dask repeats a
+    task whose worker dies, as often as the cluster's own settings say."""
+
+    def __init__(self, client: Any, on_progress: Callable[[Progress], object] | None = None):
+        super().__init__()
+        self._client, self._running = client, dict[Any, Task]()
+        self.batch = uuid.uuid4().hex
+        if on_progress is not None:
+            client.subscribe_topic(self.batch, lambda event: on_progress(Progress(**event[1])))
+
+    def count_workers(self) -> int:
+        return sum(self._client.nthreads().values())
+
+    def count_running(self) -> int:
+        return len(self._running)
+
+    def submit(self, task: Task, attempt: int) -> None:
+        future = self._client.submit(
+            run_task, task.name, self.batch, task.work, task.arguments,
+            key=f"{task.name}-{self.batch}-{attempt}", pure=False,
+        )  # fmt: skip
+        self._running[future] = task
+
+    def poll(self, seconds: float) -> list[Outcome]:
+        distributed = import_distributed()
+        try:
+            done = distributed.wait([*self._running], seconds, "FIRST_COMPLETED").done
+            # A result is lost with the worker that holds it; the task is then repeated.
+            whole = [future for future in done if future.status not in ("pending", "lost")]
+            return [(self._running[f], self._get_outcome(f, self._running.pop(f))) for f in whole]
+        except TimeoutError:
+            return []
+        except (distributed.CancelledError, distributed.comm.CommClosedError):
+            raise InputError(_GONE) from None
+
+    def stop(self) -> None:
+        if self._running and self._client.status == "running":
+            with suppress(OSError, TimeoutError):  # the scheduler may be gone
+                self._client.run(stop, self.batch, on_error="ignore")
+                self._client.cancel(list(self._running), force=True)
+        self._running.clear()
+
+    def _get_outcome(self, future: Any, task: Task) -> Any:
+        if future.status == "finished":
+            return future.result()
+        if future.status != "error":
+            raise InputError(_GONE)
+        error = future.exception()
+        if isinstance(error, import_distributed().KilledWorker):
+            self.give_up(task)
+            worker = getattr(error.last_worker, "address", error.last_worker)
+            return InputError(f"its workers died, at last {worker}")
+        return error

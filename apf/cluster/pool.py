@@ -1,22 +1,21 @@
-"""Run tasks on the workers of a cluster, also workflows of several in which later tasks need the
-results of earlier ones, and return their outcomes."""
+"""Run tasks on workers, also workflows of several in which later tasks need the results of earlier
+ones, and return their outcomes."""
 
 from __future__ import annotations
 
-import uuid
-from collections import deque
-from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
-from contextlib import closing, suppress
+from abc import ABC, abstractmethod
+from collections import Counter, deque
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
+from contextlib import closing
 from dataclasses import dataclass, field
 from typing import Any
 
-from apf.cluster.connection import ATTEMPTS, import_distributed
-from apf.cluster.task_side import Progress, run_task, stop
-from cl import InputError
+from apf.cluster.task_side import TaskStopped
 
+#: Number of times that a task is tried.
+ATTEMPTS = 3
 #: Interval at which joining and leaving workers are noticed, s.
 _PULSE = 0.5
-_GONE = "the scheduler has gone; what is finished is kept: give the command again"
 
 
 @dataclass(frozen=True)
@@ -32,90 +31,78 @@ class Task:
     arguments: tuple[object, ...] = ()
 
 
-class Pool:
-    """Runs tasks on the workers of `client`, as many at a time as these have threads.
+#: A finished task with its result, or its exception.
+Outcome = tuple[Task, Any]
 
-    A task whose worker dies is repeated on another. One that raises is tried three times; its last
-    exception is its outcome, and does not stop the others.
+
+class Pool(ABC):
+    """Runs tasks on workers, as many at a time as there are workers.
+
+    A task that fails, or whose worker dies, is repeated; the exception of the third attempt is its
+    outcome, and does not stop the others. Subclasses say where the workers are.
     """
 
-    def __init__(self, client: Any, on_progress: Callable[[Progress], object] | None = None):
-        self._client, self._waiting = client, deque[Task]()
+    def __init__(self) -> None:
+        self._waiting, self._attempts = deque[Task](), Counter[str]()
         self._more: Iterator[Task] = iter(())
-        self._under_way: dict[Any, Task] = {}
-        self.batch = uuid.uuid4().hex
-        if on_progress is not None:
-            client.subscribe_topic(self.batch, lambda event: on_progress(Progress(**event[1])))
+
+    @abstractmethod
+    def count_workers(self) -> int:
+        """Return how many tasks the workers can do at a time."""
+
+    @abstractmethod
+    def count_running(self) -> int:
+        """Return the number of tasks that workers are doing."""
+
+    @abstractmethod
+    def submit(self, task: Task, attempt: int) -> None:
+        """Have a free worker begin a task."""
+
+    @abstractmethod
+    def poll(self, seconds: float) -> Sequence[Outcome]:
+        """Return the tasks that have finished, after a wait of at most `seconds`."""
+
+    @abstractmethod
+    def stop(self) -> None:
+        """Stop the running tasks after their current frames."""
 
     def add(self, task: Task) -> None:
         """Add a task; also possible while iterating over `outcomes`."""
         self._waiting.append(task)
 
-    def outcomes(self, tasks: Iterable[Task] = ()) -> Generator[tuple[Task, object], None, None]:
+    def give_up(self, task: Task) -> None:
+        """Let the outcome of a task count, however often it was tried."""
+        self._attempts[task.name] = ATTEMPTS
+
+    def outcomes(self, tasks: Iterable[Task] = ()) -> Generator[Outcome, None, None]:
         """Yield every task with its result, or its exception, as they finish.
 
         tasks: further ones, each requested when a worker is free. Closing the generator, or an
-        interrupt, stops the running tasks. Raises InputError if the connection to the scheduler is
-        lost.
+        interrupt, stops the running tasks. Raises InputError if all workers are lost.
         """
         self._more = iter(tasks)
         try:
-            while True:
-                done = self._next()
-                if not done and not self._under_way:
-                    return
-                yield from done
+            while self._submit() or self.count_running():
+                for task, outcome in self.poll(_PULSE):
+                    failed = isinstance(outcome, Exception) and not isinstance(outcome, TaskStopped)
+                    if failed and self._attempts[task.name] < ATTEMPTS:
+                        self.add(task)
+                    else:
+                        yield task, outcome
         finally:
-            self._stop()
+            self.stop()
 
-    def _next(self) -> list[tuple[Task, Any]]:
-        """Return the tasks that have finished since the last call, with their outcomes."""
-        distributed = import_distributed()
-        try:
-            self._submit()
-            if not self._under_way:
-                return []
-            done = distributed.wait([*self._under_way], _PULSE, "FIRST_COMPLETED").done
-            # A result is lost with the worker that holds it; the task is then repeated.
-            whole = [future for future in done if future.status not in ("pending", "lost")]
-            return [(self._under_way.pop(future), _get_outcome(future)) for future in whole]
-        except TimeoutError:
-            return []
-        except (distributed.CancelledError, distributed.comm.CommClosedError):
-            raise InputError(_GONE) from None
-
-    def _submit(self) -> None:
-        threads = sum(self._client.nthreads().values())
-        while len(self._under_way) < max(1, threads):
+    def _submit(self) -> bool:
+        """Give tasks to the free workers; return whether there was one."""
+        begun = False
+        while self.count_running() < max(1, self.count_workers()):
             task = self._waiting.popleft() if self._waiting else next(self._more, None)
             if task is None:
-                return
-            key = f"{task.name}-{self.batch}"
-            future = self._client.submit(
-                run_task, task.name, self.batch, task.work, task.arguments,
-                key=key, retries=ATTEMPTS - 1, pure=False,
-            )  # fmt: skip
-            self._under_way[future] = task
-
-    def _stop(self) -> None:
-        """Stop the running tasks on the workers; their threads end after the current frame."""
-        if self._under_way and self._client.status == "running":
-            with suppress(OSError, TimeoutError):  # the scheduler may be gone
-                self._client.run(stop, self.batch, on_error="ignore")
-                self._client.cancel(list(self._under_way), force=True)
-        self._under_way.clear()
-
-
-def _get_outcome(future: Any) -> Any:
-    if future.status == "finished":
-        return future.result()
-    if future.status == "error":
-        error = future.exception()
-        if isinstance(error, import_distributed().KilledWorker):
-            worker = getattr(error.last_worker, "address", error.last_worker)
-            return InputError(f"its worker died {ATTEMPTS} times, at last {worker}")
-        return error
-    raise InputError(_GONE)
+                break
+            self._attempts[task.name] += 1
+            self.submit(task, self._attempts[task.name])
+            begun = True
+        return begun
 
 
 #: A generator of workflow steps: it yields tasks that may run in parallel, receives their results
@@ -125,45 +112,43 @@ Workflow = Generator[list[Task], list[Any], Any]
 
 
 @dataclass
-class _UnderWay:
-    course: Workflow
+class _Course:
+    steps: Workflow
     tasks: list[str] = field(default_factory=list)
     outcomes: dict[str, object] = field(default_factory=dict)
 
+    def advance(self, pool: Pool, error: Exception | None = None) -> None:
+        """Add the tasks of the next step. Raises StopIteration with the final result."""
+        results = [self.outcomes[name] for name in self.tasks]
+        begun = bool(self.tasks)
+        step = self.steps.throw(error) if error else self.steps.send(results if begun else None)  # type: ignore[arg-type]
+        self.tasks, self.outcomes = [task.name for task in step], {}
+        for task in step:
+            pool.add(task)
+
 
 def run_workflows(
-    pool: Pool, courses: Mapping[str, Workflow]
+    pool: Pool, workflows: Mapping[str, Workflow]
 ) -> Generator[tuple[str, Any], None, None]:
     """Run the workflows; yield the name of each with its result, or its exception, as they
     finish."""
-    owners: dict[str, str] = {}
-    begun: dict[str, _UnderWay] = {}
-
-    def add(name: str, tasks: list[Task]) -> None:
-        begun[name].tasks, begun[name].outcomes = [task.name for task in tasks], {}
-        for task in tasks:
-            owners[task.name] = name
-            pool.add(task)
-
-    for name, course in courses.items():
-        begun[name] = _UnderWay(course)
-        add(name, next(course))
+    running = {name: _Course(steps) for name, steps in workflows.items()}
+    for course in running.values():
+        course.advance(pool)
     with closing(pool.outcomes()) as outcomes:
         for task, outcome in outcomes:
-            name = owners[task.name]
-            under_way = begun.get(name)
-            if under_way is None:
+            name = next((n for n, course in running.items() if task.name in course.tasks), None)
+            if name is None:
                 continue  # another task of this workflow has failed
-            under_way.outcomes[task.name] = outcome
+            course = running[name]
+            course.outcomes[task.name] = outcome
+            failed = outcome if isinstance(outcome, Exception) else None
             try:
-                if isinstance(outcome, BaseException):
-                    add(name, under_way.course.throw(outcome))
-                elif len(under_way.outcomes) == len(under_way.tasks):
-                    found = [under_way.outcomes[one] for one in under_way.tasks]
-                    add(name, under_way.course.send(found))
+                if failed or len(course.outcomes) == len(course.tasks):
+                    course.advance(pool, failed)
             except StopIteration as end:
-                del begun[name]
+                del running[name]
                 yield name, end.value
             except Exception as error:
-                del begun[name]
+                del running[name]
                 yield name, error

@@ -2,23 +2,20 @@
 
 from __future__ import annotations
 
-import io
 import logging
 import os
 import platform
 import sys
-import threading
 import time
 import traceback
 from collections import defaultdict
 from collections.abc import Callable, Iterator
-from contextlib import closing, contextmanager
+from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from dataclasses import asdict, dataclass
 from datetime import datetime
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Any
 
-from apf.cluster.whole_folder import replace_temporary_names
 from apf.tracking.progress import StageProgress
 from cl import UserError
 
@@ -48,15 +45,20 @@ class Progress:
 class TaskProgress(StageProgress):
     """Receives and sends a task's progress.
 
-    It replaces the line of a take, `apf.cli.take_report.TakeLine`: called with the name of
-    the current stage, after every frame of stages that work by frames. worker: host and process.
-    seconds: time of each stage. core_seconds: CPU time of each stage. Calls raise KeyboardInterrupt
-    in a task that must stop.
+    It replaces the line of a take, `apf.tracking.progress.ProgressLine`: called with the name of
+    the current stage, after every frame of stages that work by frames. send: receives messages.
+    check: called first, raises KeyboardInterrupt in a task that must stop. worker: host and
+    process. seconds: time of each stage. core_seconds: CPU time of each stage.
     """
 
-    def __init__(self, task: str = "", batch: str = "") -> None:
+    def __init__(
+        self,
+        task: str = "",
+        send: Callable[[Progress], object] = lambda message: None,
+        check: Callable[[], object] = lambda: None,
+    ) -> None:
         super().__init__()
-        self._task, self._batch, self._sent = task, batch, 0.0
+        self._task, self._send_message, self._check, self._sent = task, send, check, 0.0
         self.worker = f"{platform.node()}:{os.getpid()}"
         self.seconds = defaultdict[str, float](float)
         self.core_seconds = defaultdict[str, float](float)
@@ -68,8 +70,7 @@ class TaskProgress(StageProgress):
         return self._done[self._stage]
 
     def __call__(self, stage: str) -> None:
-        if self._batch in _stopped:
-            raise KeyboardInterrupt
+        self._check()
         if stage != self._stage:
             self._enter(stage)
         self._done[stage] += 1
@@ -101,24 +102,29 @@ class TaskProgress(StageProgress):
 
     def _send(self) -> None:
         self._sent = time.monotonic()
-        if self._batch:
-            from distributed import get_worker
-
-            message = Progress(
-                self._task, self._stage, self.done, self.n_frames, self.worker, self._whose
-            )
-            get_worker().log_event(self._batch, asdict(message))
+        self._send_message(
+            Progress(self._task, self._stage, self.done, self.n_frames, self.worker, self._whose)
+        )
 
 
 def run_task(
     name: str, batch: str, work: Callable[..., object], arguments: tuple[object, ...]
 ) -> Any:
-    """Run a task on a worker.
+    """Run a task on a worker of Dask.
 
     Raises what it raises, but TaskStopped instead of KeyboardInterrupt, which would end the worker.
     """
+    from distributed import get_worker
+
+    def check() -> None:
+        if batch in _stopped:
+            raise KeyboardInterrupt
+
+    def send(message: Progress) -> None:
+        get_worker().log_event(batch, asdict(message))
+
     try:
-        return work(TaskProgress(name, batch), *arguments)
+        return work(TaskProgress(name, send, check), *arguments)
     except KeyboardInterrupt:
         raise TaskStopped(name) from None
 
@@ -128,71 +134,33 @@ def stop(batch: str) -> None:
     _stopped.add(batch)
 
 
-class _Log(io.TextIOBase):
-    """A log file in which names of temporary folders are replaced by the final ones."""
-
-    def __init__(self, path: Path) -> None:
-        self._file = path.open("a", encoding="utf-8", errors="backslashreplace")
-
-    def write(self, text: str) -> int:
-        self._file.write(replace_temporary_names(text))
-        self._file.flush()  # so that nothing is lost if the process is killed
-        return len(text)
-
-    def close(self) -> None:
-        self._file.close()
-
-
-class _PerThread(io.TextIOBase):
-    """A text stream that threads can redirect for themselves."""
-
-    def __init__(self, usual: TextIO) -> None:
-        self.usual = usual
-        self.own: dict[int, TextIO | _Log] = {}
-
-    def write(self, text: str) -> int:
-        return self.own.get(threading.get_ident(), self.usual).write(text)
-
-    def flush(self) -> None:
-        self.own.get(threading.get_ident(), self.usual).flush()
-
-
 @contextmanager
 def log_to(path: Path, title: str) -> Iterator[None]:
-    """Append to `path` what this thread prints and logs, and the error that ends it.
+    """Append to `path` what this process prints and logs, and the error that ends it.
 
     An error that is not the user's gets its traceback.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
-    me = threading.get_ident()
-    streams = _redirectable_streams()
-    with closing(_Log(path)) as file:
-        now = f"{datetime.now():%Y-%m-%d %H:%M:%S}"
-        file.write(f"{now} {title}, on {platform.node()}, process {os.getpid()}\n")
-        for stream in streams:
-            stream.own[me] = file
+    with (
+        path.open("a", encoding="utf-8", errors="backslashreplace", buffering=1) as file,
+        redirect_stdout(file),
+        redirect_stderr(file),
+    ):
+        print(f"{datetime.now():%Y-%m-%d %H:%M:%S} {title}, on {platform.node()}, "
+              f"process {os.getpid()}")  # fmt: skip
+        handler = logging.StreamHandler(file)
+        handler.setFormatter(logging.Formatter("%(name)s: %(message)s"))
+        loggers = [logging.getLogger(package) for package in ("cl", "psfs", "apf")]
+        for logger in loggers:
+            logger.addHandler(handler)
         try:
             yield
         except UserError as error:
-            file.write(f"error: {error}\n")
+            print(f"error: {error}")
             raise
         except BaseException:
-            file.write(traceback.format_exc())
+            print(traceback.format_exc())
             raise
         finally:
-            for stream in streams:
-                del stream.own[me]
-
-
-def _redirectable_streams() -> tuple[_PerThread, _PerThread]:
-    """Return this process's output and error streams, made redirectable per thread."""
-    if not isinstance(sys.stdout, _PerThread):
-        sys.stdout = _PerThread(sys.stdout)
-    if not isinstance(sys.stderr, _PerThread):
-        sys.stderr = _PerThread(sys.stderr)
-        handler = logging.StreamHandler(sys.stderr)
-        handler.setFormatter(logging.Formatter("%(name)s: %(message)s"))
-        for package in ("cl", "psfs", "apf"):
-            logging.getLogger(package).addHandler(handler)
-    assert isinstance(sys.stdout, _PerThread) and isinstance(sys.stderr, _PerThread)
-    return sys.stdout, sys.stderr
+            for logger in loggers:
+                logger.removeHandler(handler)

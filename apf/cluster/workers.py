@@ -5,17 +5,11 @@ from __future__ import annotations
 import os
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
 
-from apf.cluster.config import WorkerConfig
+from apf.cluster import CORES_BESIDE_GPU, PER_GPU
 from cl import Device, NumpyDevice, list_devices, select_device
 from psfs.common.ranges import check_number
-from psfs.common.system import (
-    ignore_signals,
-    keep_freed_memory,
-    list_own_cores,
-    pin_to_cores,
-)
+from psfs.common.system import keep_freed_memory, list_own_cores, pin_to_cores
 from psfs.footage.memory import FRAME_MEMORY
 
 #: Most workers of one machine.
@@ -48,16 +42,13 @@ class Share:
         return own | dict.fromkeys(_OPENCV, "1")
 
 
-def share_machine(
-    device: str = "auto", n_workers: int | None = None, config: WorkerConfig | None = None
-) -> list[Share]:
+def share_machine(device: str = "auto", n_workers: int | None = None) -> list[Share]:
     """Return a share of this machine for each worker; device: as for `select_device`.
 
     `auto` and `gpu` distribute the GPUs in turn; other devices distribute the cores in groups that
     differ by one at most. Raises InputError for an implausible number of workers, DeviceError if
     there is no such device.
     """
-    config = config or WorkerConfig()
     if n_workers is not None:
         check_number("--workers", n_workers, 1, MOST_WORKERS)
     chosen = select_device(device)  # in a process that starts no worker by forking
@@ -66,17 +57,17 @@ def share_machine(
         if device in ("auto", "gpu"):
             n_gpus = sum(info.kind == "gpu" for info in list_devices())
             names = [f"gpu:{number}" for number in range(n_gpus)]
-        room = int(len(list_own_cores()) / config.beside_gpu / len(names))
-        n_workers = n_workers or min(config.per_gpu, max(1, room)) * len(names)
+        room = len(list_own_cores()) // (CORES_BESIDE_GPU * len(names))
+        n_workers = n_workers or min(PER_GPU, max(1, room)) * len(names)
         return [Share(names[k % len(names)]) for k in range(n_workers)]
     cores = list_own_cores()
-    n_workers = n_workers or max(1, len(cores) // config.cores)
+    n_workers = n_workers or len(cores)
     groups = [tuple(cores[k::n_workers]) for k in range(n_workers)]
     # If the user asked for more workers than cores, all share the cores.
     return [Share(device, group or tuple(cores)) for group in groups]
 
 
-def set_up_worker(ignore_interrupts: bool) -> None:
+def set_up_worker() -> None:
     """Set up this worker process before its first take.
 
     Pins it to its cores, with a PoCL thread for each; without cores of its own it keeps those that
@@ -89,8 +80,6 @@ def set_up_worker(ignore_interrupts: bool) -> None:
     for name in ("POCL_MAX_PTHREAD_COUNT", "POCL_CPU_MAX_CU_COUNT"):  # before PoCL 4, and since
         os.environ.setdefault(name, threads)
     keep_memory()
-    if ignore_interrupts:
-        ignore_signals(["SIGINT"])
 
 
 def keep_memory() -> None:
@@ -116,20 +105,3 @@ def select_worker_device(asked: str) -> Device | NumpyDevice:
 @lru_cache
 def _cached_device(choice: str) -> Device | NumpyDevice:
     return select_device(choice)
-
-
-def make_setup_plugin(embedded: bool) -> Any:
-    """Return the Dask plugin that calls `set_up_worker` in every worker, also in those that join
-    later.
-
-    embedded: whether the workers are this command's and receive the terminal's interrupts, too.
-    """
-    from distributed import WorkerPlugin
-
-    class TakeWorker(WorkerPlugin):
-        name = "apf-take-worker"
-
-        def setup(self, worker: object) -> None:
-            set_up_worker(ignore_interrupts=embedded)
-
-    return TakeWorker()

@@ -5,11 +5,6 @@ from __future__ import annotations
 from psfs.cameras.config import TriangulationConfig
 from psfs.common.config import Config, nonnegative, part, positive, setting
 
-#: Takes at a time on a GPU: four at once took 58 s on an H200 with 16 cores, one after the other
-#: about 150 s, six no less per take, because their Python code runs in turns. On CPUs: on 2 cores
-#: two at once took an eighth less time.
-ON_GPU, ON_CPU = 4, 2
-
 
 class RecoveryConfig(Config):
     """When a body counts as lost: if its misfit (see `apf.likelihood.base`) is above `ratio` times

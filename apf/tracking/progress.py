@@ -98,19 +98,14 @@ class StageProgress(ABC):
 
 
 class ProgressLine(StageProgress):
-    """A line in `bar` on one take: its stage, the share of the work that is done, the time left.
+    """A line in `bar` on one take: its stage, the share of the work that is done, the time left."""
 
-    name: precedes the stage, empty for a single take. check: called first."""
-
-    def __init__(
-        self, bar: Progress, name: str = "", check: Callable[[], None] = lambda: None
-    ) -> None:
+    def __init__(self, bar: Progress) -> None:
         super().__init__()
-        self._bar, self._check = bar, check
-        self._prefix = f"{name}: " if name else ""
+        self._bar = bar
         self._left = set[str]()  # the stages that are over
         self._person, self._n_people = 1, 1
-        self._task = bar.add_task(f"{self._prefix}opening", total=None)
+        self._task = bar.add_task("opening", total=None)
 
     def begin_person(self, n_frames: int, number: int, of: int) -> None:
         super().begin_person(n_frames, number, of)
@@ -118,7 +113,6 @@ class ProgressLine(StageProgress):
         self._left -= _FOR_EACH.keys()
 
     def __call__(self, stage: str) -> None:
-        self._check()
         self._done[stage] += 1
         self._enter(stage)
 
@@ -128,7 +122,7 @@ class ProgressLine(StageProgress):
             self._stage = stage
         n, cost = self._n_frames, self._costs.get(stage)
         counted = f" {min(n, self._done[stage])}/{n}" if cost is not None and cost.frame else ""
-        words = f"{self._prefix}{self._whose}{stage}{counted}"
+        words = f"{self._whose}{stage}{counted}"
         done, whole = self._measure_work()
         self._bar.update(self._task, description=words, completed=done, total=whole)
 
@@ -141,10 +135,6 @@ class ProgressLine(StageProgress):
             done += cost.whole * (before + (stage in self._left)) + of_frames
             whole += people * (cost.whole + n * cost.frame)
         return done, whole
-
-    def close(self) -> None:
-        """Remove the line from the bar."""
-        self._bar.remove_task(self._task)
 
 
 def make_stage_bar(console: Console, hidden: bool = False) -> Progress:

@@ -24,7 +24,11 @@ from cl import InputError, UserError
 from psfs.cli.commandline import add_message_flags, has_log, log_line, messages
 from psfs.common.names import escape_unprintable
 from psfs.common.single_files import guard_files
-from psfs.common.system import handle_signals, memory_limit
+from psfs.common.system import (
+    handle_signals,
+    import_nothing_from_current_folder,
+    memory_limit,
+)
 from psfs.common.versions import versions
 
 if TYPE_CHECKING:
@@ -300,7 +304,7 @@ def run_command(parser: argparse.ArgumentParser, argv: Sequence[str] | None = No
     words = sys.argv[1:] if argv is None else list(argv)
     if argv is None:  # a process of its own
         os.environ.pop("MPLBACKEND", None)  # plots go into files, not to a display
-        os.environ["PYTHONSAFEPATH"] = "1"  # no process that it starts imports files of a take
+        import_nothing_from_current_folder()
 
     def run() -> None:
         if any("\0" in word for word in words):

@@ -4,50 +4,52 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterable
-from contextlib import AbstractContextManager, closing
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import closing, contextmanager
 from pathlib import Path
-from typing import Any
 
 from accuracy.suite import Job, Outcome, done
-from apf.cluster.connection import connect_cluster, start_cluster
+from apf.cluster.connection import DaskPool, connect_cluster
 from apf.cluster.pool import Pool, Task
+from apf.cluster.processes import Processes
 from apf.cluster.task_side import TaskProgress
 from apf.cluster.workers import select_worker_device, share_machine
 from cl import Device, DeviceError, UserError
 
 
-def start_workers(
-    out: Path, device: str, processes: int, scheduler: str | None
-) -> AbstractContextManager[Any]:
-    """Return the client of a running Dask cluster, whose workers need scripts/ in their PYTHONPATH,
-    or of a new one with `processes` on the named device."""
+@contextmanager
+def start_workers(out: Path, device: str, processes: int, scheduler: str | None) -> Iterator[Pool]:
+    """Yield the workers of a running Dask cluster, which need scripts/ in their PYTHONPATH, or
+    `processes` new ones on the named device."""
     if scheduler is not None:
         out.mkdir(parents=True, exist_ok=True)
-        return connect_cluster(scheduler, out.resolve())
-    return start_cluster(share_machine(device, processes))
+        with connect_cluster(scheduler, out.resolve()) as client:
+            yield DaskPool(client)
+    else:
+        with Processes(share_machine(device, processes)) as pool:
+            yield pool
 
 
 def do_jobs(
     jobs: Iterable[Job],
     device: Device,
-    client: Any,
+    pool: Pool | None,
     keep: Callable[[Job, Outcome | UserError], object],
     seconds: float | None = None,
 ) -> None:
-    """Do the jobs on `device`, or on the workers of `client` if given.
+    """Do the jobs on `device`, or on the workers of `pool` if given.
 
     Call `keep` with the result of each job, or with its error. Start no job after `seconds`. Raises
     DeviceError. After a KeyboardInterrupt all finished jobs are kept.
     """
     end = time.monotonic() + (seconds or math.inf)
     begun = (job for job in jobs if time.monotonic() < end)
-    if client is None:
+    if pool is None:
         for job in begun:
             keep(job, _attempt(device, job, lambda: None))
         return
     tasks = (Task(str(job), do_job, (job,)) for job in begun)
-    with closing(Pool(client).outcomes(tasks)) as outcomes:
+    with closing(pool.outcomes(tasks)) as outcomes:
         for task, outcome in outcomes:
             if isinstance(outcome, BaseException) and not isinstance(outcome, UserError):
                 raise outcome

@@ -24,8 +24,8 @@ from pathlib import Path
 from typing import Any
 
 from apf.cli.batch_take import TakeDone, TakeJob, process_take
-from apf.cluster.connection import start_cluster
 from apf.cluster.pool import Pool, Task
+from apf.cluster.processes import Processes
 from apf.cluster.workers import Share, list_own_cores, share_machine
 from apf.request import TrackRequest
 from apf.synthetic.generate import generate
@@ -139,8 +139,8 @@ def compiling(
 ) -> dict[str, float]:
     """Return the time, s, of the first takes, one of each at once on workers with this share."""
     began = time.perf_counter()
-    with start_cluster([share] * len(takes)) as client:
-        list(_done(Pool(client), [_task(take, out, take.name, flags, True) for take in takes]))
+    with Processes([share] * len(takes)) as pool:
+        list(_done(pool, [_task(take, out, take.name, flags, True) for take in takes]))
     return {"seconds": time.perf_counter() - began}
 
 
@@ -165,10 +165,10 @@ def throughput(
                 began = time.perf_counter()
             yield task("take", n, given)
 
-    with start_cluster(shares) as client:
+    with Processes(shares) as pool:
         short = [task("short", n, True, "--frames=0:3") for n in range(n_workers)]
-        took = sum(sum(one.seconds.values()) for one in _done(Pool(client), short)) / n_workers
-        with closing(_done(Pool(client), one_after_another(took / n_workers))) as without_end:
+        took = sum(sum(one.seconds.values()) for one in _done(pool, short)) / n_workers
+        with closing(_done(pool, one_after_another(took / n_workers))) as without_end:
             done = list(itertools.islice(without_end, per_worker * n_workers))
             seconds = time.perf_counter() - began
     frames = sum(row["frames"] for one in done for row in one.rows)

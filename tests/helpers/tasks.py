@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import time
 from pathlib import Path
 
 from apf.cluster.task_side import TaskProgress
@@ -39,3 +40,14 @@ def counted(path: str) -> int:
 
 def interrupted(progress: TaskProgress) -> None:
     raise KeyboardInterrupt
+
+
+def wait_for_stop(progress: TaskProgress, path: str) -> None:
+    """Work until the task is stopped, then write a file."""
+    try:
+        while True:
+            progress("waiting")
+            time.sleep(0.05)
+    except KeyboardInterrupt:
+        Path(path).write_text("frames so far")
+        raise

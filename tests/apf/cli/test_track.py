@@ -15,7 +15,9 @@ import pytest
 import apf.tracking.pipeline
 from apf.body.toml import load_body
 from apf.cli import main
+from apf.cli.batch import make_jobs
 from apf.evaluation.evaluate import evaluate, load_truth
+from apf.request import BatchRequest
 from apf.tracking.track import Track
 
 FRAMES = 5
@@ -226,3 +228,38 @@ def test_a_body_of_frusta_and_a_mesh_of_the_person(
     ):
         assert track(walk, tmp_path / "bad", *few, *flags) == 2
         assert message in capsys.readouterr().err
+
+
+def test_several_takes_are_a_batch_without_exports(
+    walk: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[BatchRequest] = []
+    monkeypatch.setattr("apf.cli.track.run_batch", asked.append)
+    days = [tmp_path / day / "walk" for day in ("monday", "tuesday")]
+    for day in days:
+        shutil.copytree(walk, day)
+    words = [*map(str, days), "-o", str(tmp_path / "out"), "--at-once", "3", "--particles", "40"]
+    assert main(["track", *words]) == 0
+    assert asked[0].to == () and asked[0].workers == 3
+    jobs = make_jobs(asked[0])
+    assert [job.name for job in jobs] == ["monday_walk", "tuesday_walk"]
+    assert jobs[0].request.method.filter.search.n_particles == 40
+
+
+@pytest.mark.parametrize(
+    ("more", "match"),
+    [
+        (["{b}/../walk"], "given twice"),
+        (["{b}/videos", "--init", "{b}/truth.npz"], "--init is the first pose of one take"),
+        (["{b}/videos", "--at-once", "0"], "--at-once is 0"),
+    ],
+)
+def test_what_several_takes_cannot_be_asked(
+    more: list[str], match: str, walk: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = [word.format(b=walk) for word in more]
+    words = [w.replace("/../walk", f"/../{walk.name}") for w in words]
+    assert main(["track", str(walk), *words, "-o", str(tmp_path / "out")]) == 2
+    lines = capsys.readouterr().err.strip().splitlines()
+    assert len(lines) == 1 and match in lines[0], lines
+    assert not (tmp_path / "out").exists()

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import csv
+from dataclasses import asdict
 from html.parser import HTMLParser
 from pathlib import Path
 
 from apf.cli.batch_report import describe_done
 from apf.cli.batch_take import TakeDone
-from apf.cluster.page import write_index
 from apf.cluster.record import TakeRecord
-from apf.cluster.take_row import TakeRow
+from apf.cluster.table import TakeRow, write_index
 
 
 class Cells(HTMLParser):
@@ -39,14 +39,14 @@ def test_all_takes_of_a_folder_are_shown(tmp_path: Path) -> None:
         (tmp_path / name / "thumbnail.jpg").write_bytes(b"")
         (tmp_path / name / "report.html").write_text("")
         row = TakeRow(name, quality="good", frames=7, lost_frames=2, limbs="left arm", took=1.5)
-        TakeRecord("0", {}, {}, {}, rows=(row.plain() | {"of a later version": 1},)).write(
+        TakeRecord("0", {}, {}, {}, rows=(asdict(row) | {"of a later version": 1},)).write(
             tmp_path / name
         )
     (tmp_path / "logs").mkdir()
     (tmp_path / "logs" / "run.log").write_text("")
-    failed = {"run": TakeRow("run", status="failed", error="cam01 has <no> frames")}
-    waiting = [TakeRow("jump", status="waiting"), TakeRow("sit", status="waiting")]
-    write_index(tmp_path, failed, waiting)
+    others = {name: TakeRow(name, status="waiting") for name in ("jump", "sit")}
+    others["run"] = TakeRow("run", status="failed", error="cam01 has <no> frames")
+    write_index(tmp_path, others)
     page = Cells((tmp_path / "index.html").read_text())
     found = {row[0]: row for row in page.rows if row}
     assert set(found) == {odd, "jump", "run", "sit"}
@@ -61,7 +61,7 @@ def test_all_takes_of_a_folder_are_shown(tmp_path: Path) -> None:
 
 
 def test_people_of_a_take_are_rows_of_one_take(tmp_path: Path) -> None:
-    rows = tuple(TakeRow(f"duo/person{k}", frames=7, took=1.5).plain() for k in (1, 2))
+    rows = tuple(asdict(TakeRow(f"duo/person{k}", frames=7, took=1.5)) for k in (1, 2))
     for folder in ("duo", "duo/person1", "duo/person2"):
         (tmp_path / folder).mkdir()
         (tmp_path / folder / "report.html").write_text("")
