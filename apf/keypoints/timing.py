@@ -5,81 +5,103 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 
 from apf.keypoints.keypoints import Keypoints
-from psfs.cameras.camera import CameraRig
-from psfs.cameras.triangulation import TriangulationConfig, reprojection_errors, triangulate
+from psfs.cameras.camera import Camera, CameraRig
+from psfs.cameras.triangulation import TriangulationConfig
+from psfs.diagnostics.config import FaultConfig
 from psfs.diagnostics.small_views import SmallViews
-from psfs.self_calibration.points.lags import shift_points
+from psfs.footage.camera_times import (
+    PairCosts,
+    compare_signals,
+    estimate_times,
+    shift_points,
+    sum_costs,
+)
 
-#: Greatest and least lag that is found, and examined frames.
-_MOST, _LEAST, _SAMPLED = 15, 2, 40
-#: Reprojection error of a point, as a share of the picture's height, up to which cameras agree.
-AGREEING = 0.02
-#: Least factor by which distances must fall with the lag: from where the other cameras see points
-#: (1.08 at most untouched, 1.5 and more late), and of the silhouettes' ends (1.01, and 1.10).
-_CAMERA_GAIN, _FOOTAGE_GAIN = 1.3, 1.07
-#: Distance that is noise, and beyond which ends are no farther, as shares of the picture's height.
-_NOISE, _FARTHEST = 0.0005, 0.05
+#: Greatest lag of a camera from the median one that is found, frames, and the least.
+_MOST, _LEAST = 15, 2
+#: Reprojection error of a point, as a share of the picture's height, up to which cameras agree, and
+#: distance beyond which points and ends are no farther, the same.
+AGREEING, _FARTHEST = 0.02, 0.05
 _LIMITS = TriangulationConfig()
 
 
 def find_late_cameras(keypoints: Keypoints, rig: CameraRig) -> dict[str, int]:
     """Return by how many frames the keypoints of cameras come later than the others', by name.
 
-    Each camera's keypoints are compared, at every lag, with the points that the others triangulate.
-    In each step the camera that gains most by a shift is shifted. Needs three cameras.
+    Every two cameras' keypoints are compared, at every lag, by their distances from epipolar lines.
+    Needs three cameras.
     """
-    most = min(_MOST, keypoints.n_frames // 3)
-    late: dict[str, int] = {}
+    most = min(2 * _MOST, keypoints.n_frames // 3)
     if len(rig) < 3 or most < _LEAST:
-        return late
-    points = keypoints.undistort(rig).points.astype(np.float64)
+        return {}
+    points = keypoints.points.astype(np.float64)
     points[np.nan_to_num(points[..., 2]) < _LIMITS.min_confidence] = np.nan
-    for _ in range((len(rig) - 1) // 2):
-        curves = _camera_costs(points, rig, most)
-        gains = _gains(curves, most, _NOISE)
-        view = int(gains.argmax())
-        lag = int(np.nanargmin(curves[view])) - most if gains[view] > 1 else 0
-        if gains[view] < _CAMERA_GAIN or not _LEAST <= abs(lag) < most:
-            break
-        late[rig.names[view]] = lag
-        points[view] = shift_points(points[view], lag)
-    return late
+    rays = [
+        camera.normalise(view[..., :2].reshape(-1, 2)).reshape(*view.shape[:2], 2)
+        for camera, view in zip(rig, points, strict=True)
+    ]
+    costs = {
+        (a, b): sum_costs(_epipolar_distances((rig[a], rig[b]), rays[a], rays[b], most), _FARTHEST)
+        for a, b in combinations(range(len(rig)), 2)
+    }
+    lags = _estimate_lags(len(rig), costs)
+    return {name: lag for name, lag in zip(rig.names, lags, strict=True) if lag}
 
 
 def find_lag_to_footage(keypoints: Keypoints, rig: CameraRig, views: SmallViews) -> int:
     """Return by how many frames the keypoints come later than the silhouettes; 0 if they do not.
 
     The keypoints' least and greatest x and y in each picture are compared with those of the
-    silhouettes' outlines; what differs in all frames alike, since keypoints lie within the body, is
-    subtracted. views: of these cameras or more.
+    silhouettes' outlines. views: of these cameras or more.
     """
-    most = min(_MOST, len(views.frames) // 3)
+    most = min(2 * _MOST, len(views.frames) // 3)
     if most < _LEAST:
         return 0
-    outlines = _outline_extents(views, rig)
-    shown = keypoints.points[..., :2].astype(np.float64)
-    shown[np.nan_to_num(keypoints.points[..., 2]) < _LIMITS.min_confidence] = np.nan
+    points = keypoints.points[..., :2].astype(np.float64)
+    points[np.nan_to_num(keypoints.points[..., 2]) < _LIMITS.min_confidence] = np.nan
     with np.errstate(invalid="ignore"):
-        extents = np.concatenate([_least(shown), -_least(-shown)], -1).swapaxes(0, 1)
+        extents = np.concatenate([_least(points), -_least(-points)], -1).swapaxes(0, 1)
+    outlines = np.full(extents.shape, np.nan)
+    frames = np.asarray(views.frames)
+    inside = frames < len(extents)
+    outlines[frames[inside]] = _outline_extents(views, rig)[inside]
     heights = np.array([camera.size[1] for camera in rig], float)[:, None]
-    cap, costs = _FARTHEST, np.full(2 * most + 1, np.nan)
-    for number, lag in enumerate(range(-most, most + 1)):
-        rows = np.asarray(views.frames) + lag
-        there = (rows >= 0) & (rows < len(extents))
-        apart = (extents[rows[there]] - outlines[there]) / heights
-        known = np.isfinite(apart).any(axis=0)
-        if known.any():
-            apart = apart[:, known] - np.nanmedian(apart[:, known], axis=0)
-            costs[number] = np.nanmean(np.minimum(np.abs(apart), cap))
-    if not np.isfinite(costs[most]):
-        return 0
-    lag = int(np.nanargmin(costs)) - most
-    gain = _gains(costs[None], most, _NOISE)[0]
-    return lag if gain >= _FOOTAGE_GAIN and _LEAST <= abs(lag) < most else 0
+    a, b = ((signal / heights).reshape(len(signal), -1) for signal in (outlines, extents))
+    return _estimate_lags(2, {(0, 1): compare_signals(a, b, most, _FARTHEST)})[1]
+
+
+def _estimate_lags(n_cameras: int, costs: PairCosts) -> list[int]:
+    """Return the cameras' lags behind the first, frames; 0 for those that chance explains, or that
+    are small. Of more than two cameras, behind the median one."""
+    times = estimate_times(n_cameras, costs)
+    offsets = times.offsets - (times.offsets[0] if n_cameras == 2 else 0)
+    lags = np.where(times.chances < FaultConfig().false_alarms, offsets.round().astype(int), 0)
+    lags[np.abs(lags) < _LEAST] = 0
+    return lags.tolist()
+
+
+def _epipolar_distances(
+    cameras: tuple[Camera, Camera], a: np.ndarray, b: np.ndarray, most: int
+) -> np.ndarray:
+    """Return the distances (K, 2 most + 1, F), shares of the picture's height, of the second
+    camera's points (F, K, 2), at depth 1, from the epipolar lines of the first one's, at all lags.
+    """
+    first, second = cameras
+    R = second.R @ first.R.T
+    x, y, z = second.R @ (first.centre - second.centre)
+    essential = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]]) @ R
+    lines = np.concatenate([a, np.ones((*a.shape[:2], 1))], -1) @ essential.T
+    with np.errstate(divide="ignore", invalid="ignore"):
+        lines /= np.linalg.norm(lines[..., :2], axis=-1, keepdims=True)
+    padded = np.pad(b, ((most, most), (0, 0), (0, 0)), constant_values=np.nan)
+    moved = np.lib.stride_tricks.sliding_window_view(padded, len(a), axis=0)  # (lags, K, 2, F)
+    away = np.einsum("fki,lkif->klf", lines[..., :2], moved) + lines[..., 2].T[:, None]
+    return away * second.K[0, 0] / second.size[1]
 
 
 def shift_cameras(keypoints: Keypoints, late: Mapping[str, int]) -> Keypoints:
@@ -102,34 +124,6 @@ def describe_lag(lag: int, rate: float) -> str:
     """Return a lag in words; negative: early."""
     side = "late" if lag > 0 else "early"
     return f"{abs(lag)} frames {side} ({abs(lag) / rate:.2g} s)"
-
-
-def _camera_costs(points: np.ndarray, rig: CameraRig, most: int) -> np.ndarray:
-    """Return (V, 2 most + 1) each camera's median distance, as a share of the picture's height,
-    from where the others see the points (V, F, K, 3), at lags from -most to most."""
-    n_views, n_frames, n_points = points.shape[:3]
-    rows = np.linspace(most, n_frames - 1 - most, _SAMPLED)
-    rows = np.unique(rows.round().astype(int))
-    limits = TriangulationConfig(max_error=AGREEING * rig.height, min_confidence=0)
-    costs = np.full((n_views, 2 * most + 1), np.nan)
-    for view, camera in enumerate(rig):
-        others = np.delete(points[:, rows], view, axis=0).reshape(n_views - 1, -1, 3)
-        rest = CameraRig(tuple(other for other in rig if other is not camera))
-        places = triangulate(rest, others, limits).points
-        for number in range(2 * most + 1):
-            seen = points[view, rows + number - most].reshape(1, -1, 3)
-            errors = reprojection_errors(CameraRig((camera,)), seen, places)[0]
-            known = errors[np.isfinite(errors)]
-            if len(known) >= n_points:
-                costs[view, number] = np.median(known) / camera.size[1]
-    return costs
-
-
-def _gains(costs: np.ndarray, most: int, noise: float) -> np.ndarray:
-    """Return (V,) how many times higher the costs (V, 2 most + 1) are without a lag than with the
-    best one; 1 where they are unknown."""
-    least = np.nanmin(np.where(np.isfinite(costs), costs, np.inf), axis=1)
-    return np.nan_to_num((costs[:, most] + noise) / (least + noise), nan=1.0)
 
 
 def _outline_extents(views: SmallViews, rig: CameraRig) -> np.ndarray:

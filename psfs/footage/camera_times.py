@@ -59,6 +59,15 @@ class CameraTimes:
         return [round(float(offset)) for offset in self.offsets]
 
 
+def shift_points(points: np.ndarray, lag: int) -> np.ndarray:
+    """Return points (F, ...) of which frame t is the given frame t + lag; NaN where none is."""
+    out = np.full_like(points, np.nan)
+    begin, end = max(0, -lag), len(points) - max(0, lag)
+    if begin < end:
+        out[begin:end] = points[begin + lag : end + lag]
+    return out
+
+
 def compare_signals(a: np.ndarray, b: np.ndarray, most: int, cap: float) -> np.ndarray:
     """Compare signals (F, K) of two cameras, NaN where unknown; return `PairCosts` of the absolute
     differences, each at most `cap`.
@@ -69,15 +78,19 @@ def compare_signals(a: np.ndarray, b: np.ndarray, most: int, cap: float) -> np.n
     padded = np.pad(b.T, ((0, 0), (most, most)), constant_values=np.nan)
     shifted = np.lib.stride_tricks.sliding_window_view(padded, len(a), axis=1)
     differences = a.T[:, None] - shifted  # (K, offsets, F)
-    known = np.isfinite(differences)
-    starts = np.unique(np.linspace(0, len(a), min(_BLOCKS, len(a)) + 1).astype(int))[:-1]
-    counts = np.add.reduceat(known.sum(0), starts, axis=1)
-    tried = []
-    for steady in (np.zeros(known.shape[:2]), _medians(differences, known.sum(-1))):
-        apart = np.minimum(np.abs(differences - steady[..., None]), cap)
-        sums = np.add.reduceat(np.where(known, apart, 0).sum(0), starts, axis=1)
-        tried.append(np.stack([sums, counts], -1))
+    steady = _medians(differences, np.isfinite(differences).sum(-1))
+    tried = [sum_costs(of, cap) for of in (differences, differences - steady[..., None])]
     return min(tried, key=lambda table: float(np.nanmin(mean_costs(table), initial=np.inf)))
+
+
+def sum_costs(differences: np.ndarray, cap: float) -> np.ndarray:
+    """Return `PairCosts` of differences (K, 2 most + 1, F), NaN where unknown, each at most `cap`
+    in size."""
+    n, known = differences.shape[-1], np.isfinite(differences)
+    starts = np.unique(np.linspace(0, n, min(_BLOCKS, n) + 1).astype(int))[:-1]
+    sizes = np.where(known, np.minimum(np.abs(differences), cap), 0)
+    sums, counts = (np.add.reduceat(of.sum(0), starts, axis=1) for of in (sizes, known))
+    return np.stack([sums, counts], -1)
 
 
 def mean_costs(table: np.ndarray) -> np.ndarray:

@@ -15,6 +15,7 @@ from cl import InputError
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.names import join_names
 from psfs.common.numbers import pick_evenly
+from psfs.footage.camera_times import shift_points
 from psfs.self_calibration.config import PointsConfig
 from psfs.self_calibration.points.bundle import (
     PointObservations,
@@ -24,7 +25,7 @@ from psfs.self_calibration.points.bundle import (
     project,
     triangulate_rays,
 )
-from psfs.self_calibration.points.lags import choose_lags, compare_lags, shift_points
+from psfs.self_calibration.points.lags import estimate_lags
 from psfs.self_calibration.points.start import FEWEST, place_cameras, pose_sigmas
 
 #: What to film if the cameras cannot be found.
@@ -76,8 +77,7 @@ def calibrate_by_points(
     noise = config.noise * longest
     lags = np.zeros(len(cameras), int)
     if longest_lag:
-        tables = compare_lags(seen, longest_lag, FEWEST)
-        lags = choose_lags(tables, len(cameras), longest_lag)
+        lags = estimate_lags(seen, longest_lag, FEWEST, noise)
     frames = _choose_frames(seen, lags)
     rigid = None
     if segments:

@@ -18,7 +18,7 @@ from psfs.self_calibration.points.bundle import (
     project,
 )
 from psfs.self_calibration.points.calibrator import calibrate_by_points
-from psfs.self_calibration.points.lags import choose_lags, compare_lags
+from psfs.self_calibration.points.lags import estimate_lags
 from psfs.self_calibration.points.start import pose_sigmas
 
 CAMERAS = ring()[:4]
@@ -87,7 +87,7 @@ def test_focal_lengths_are_found_from_an_angle_of_view():
 
 def test_lags_are_those_at_which_epipolar_lines_fit():
     flat = seen()[..., :2]
-    lags = choose_lags(compare_lags(flat, 9, 60), 4, 9)
+    lags = estimate_lags(flat, 9, 60, 0.5)
     np.testing.assert_allclose(lags, LAGS, atol=0.5)
 
 
