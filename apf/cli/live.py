@@ -27,7 +27,7 @@ from apf.filters.base import Estimate
 from apf.filters.method import Method
 from apf.formats.trc import JointSeries
 from apf.live.config import LiveConfig
-from apf.live.pace import EVERY, Pace, PaceReporter
+from apf.live.pace import Pace, PaceReporter
 from apf.live.session import Live, LiveResult, LiveStart, list_sizes
 from apf.live.sources import Source, fitting_factor
 from apf.live.timeline import Timeline, live_errors
@@ -36,7 +36,7 @@ from apf.takes.results import RESULTS, Keeper, remove_parts, write_files
 from apf.takes.start import check_start
 from apf.tracking.people import PeopleTracks, person_folder
 from apf.tracking.pipeline import build_track
-from apf.tracking.track import Track
+from apf.tracking.track import PARTS, Track
 from cl import Device, InputError, UserError, select_device
 from psfs.cli.commandline import stderr, stdout, warn
 from psfs.common.files import write_json
@@ -44,6 +44,8 @@ from psfs.common.outputs import output_folder
 from psfs.common.requests import write_settings
 from psfs.opening import open_sequence
 
+#: Time between two parts of a track, s.
+_APART = 1.0
 #: True joints, of several people by name.
 Truth = JointSeries | dict[str, JointSeries]
 #: What `Live.run` reports to.
@@ -120,24 +122,39 @@ def _live(
     result, takes = _run(request, live, start, pace, keep)
     if not result.frames:
         raise result.error or InputError("no frame was tracked; expected at least one")
+    try:
+        _write_run(request.replace(method=method), live, result, (takes, provenance, truth, scale))
+    except InputError as error:  # such as a full disk
+        raise InputError(f"{error}; what was tracked is in {keep.folder}") from error
+    keep.remove()
+    if result.error is not None:
+        if not isinstance(result.error, UserError):
+            raise result.error
+        where = f"{len(result.frames)} poses are in {request.output}"
+        raise InputError(f"{result.error}; {where}") from result.error
+
+
+def _write_run(
+    request: LiveRequest,
+    live: Live,
+    result: LiveResult,
+    facts: tuple[list[tuple[int, int]], dict[str, Any], Truth | None, float],
+) -> None:
+    """Write and print the results of a run; facts: first and last frames of recorded takes, the
+    tracks' provenance, their truth, and the scale of the pictures."""
+    takes, provenance, truth, scale = facts
     tracks = _make_tracks(live, result, (0, result.frames[-1]), provenance)
     for number, take in enumerate(takes, start=1):
         if recorded := _make_tracks(live, result, take, provenance):
             folder = request.output / f"take{number}"
             folder.mkdir(parents=True, exist_ok=True)
             _write_tracks(folder, recorded)
-    write_settings(request.output, request.replace(method=method), ["method", "live"])
+    write_settings(request.output, request, ["method", "live"])
     summary = live.timeline.summary() | {"sizes": result.sizes, "scale": scale}
     summary |= _write_tracks(request.output, tracks) | compare_with_truth(tracks, result, truth)
     write_json(request.output / "live.json", summary)
     live.timeline.plot(request.output / "timeline.png")
-    keep.remove()
     print_summary(summary, request.output)
-    if result.error is not None:
-        if not isinstance(result.error, UserError):
-            raise result.error
-        where = f"{len(result.frames)} poses are in {request.output}"
-        raise InputError(f"{result.error}; {where}") from result.error
 
 
 def _list_inputs(request: LiveRequest) -> list[Path]:
@@ -150,8 +167,8 @@ def _list_inputs(request: LiveRequest) -> list[Path]:
 
 
 class PartKeeper:
-    """Writes the poses that are new every few seconds, in case the process is killed; what
-    `Live.run` reports to."""
+    """Writes the poses that are new every second, in case the process is killed; what `Live.run`
+    reports to."""
 
     def __init__(self, output: Path, live: Live, provenance: dict[str, Any]) -> None:
         several = len(live.persons) > 1
@@ -160,17 +177,22 @@ class PartKeeper:
         self._keepers = [Keeper([folder]) for folder in folders]
         self._folders, self._live, self._provenance = folders, live, provenance
         self._poses = [person.pose for person in live.persons]
-        self._newest, self._due = -1, time.monotonic() + EVERY
+        self._newest, self._due = -1, 0.0
 
     def __call__(self, result: LiveResult, timeline: Timeline) -> None:
         if time.monotonic() < self._due or not result.latencies:
             return
-        self._due = time.monotonic() + EVERY
+        self._due = time.monotonic() + _APART
         newest = result.frames[len(result.latencies) - 1]
         tracks = _make_tracks(self._live, result, (self._newest + 1, newest), self._provenance)
         for keeper, pose, track in zip(self._keepers, self._poses, tracks, strict=False):
             keeper(track.its_body, pose, [track])
         self._newest = newest
+
+    @property
+    def folder(self) -> Path:
+        """The folder of the parts, of the first of several people."""
+        return (self._folders[0] / PARTS).parent
 
     def remove(self) -> None:
         """Remove the parts after the whole tracks are written."""

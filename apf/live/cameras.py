@@ -67,11 +67,21 @@ class LiveCamera:
         self._condition = threading.Condition()
         self._image: np.ndarray | None = None
         self._time, self._count, self._wanted, self._ended = 0.0, 0, 0, False
-        self.gone = False
+        self._count_when_gone: int | None = None
         self._began: tuple[float, int] | None = None  # when playing began, and at which picture
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._grab, name=f"camera {name}", daemon=True)
         self._thread.start()
+
+    @property
+    def gives_pictures(self) -> bool:
+        """Whether pictures come, as far as is known; also again after they ceased."""
+        return self._count_when_gone is None or self._count > self._count_when_gone
+
+    def lose(self, why: str) -> GoneError:
+        """Count as gone until the next picture; return the error."""
+        self._count_when_gone = self._count
+        return GoneError(f"{self.name} gives no more pictures: {why}")
 
     def play(self) -> None:
         """Play a file from its next picture on; no effect on cameras."""
@@ -90,11 +100,7 @@ class LiveCamera:
                 lambda: self._count > after or self._ended, timeout=self._patience
             )
             if not there:
-                self.gone = True
-                raise GoneError(
-                    f"{self.name} gives no more pictures: none for {self._patience:g} s after "
-                    f"{self._count}"
-                )
+                raise self.lose(f"none for {self._patience:g} s after {self._count}")
             new = self._count > after
             return self._count, self._time, self._image if new else None
 
@@ -225,7 +231,8 @@ class LiveCameras(Cameras):
             )
         super().__init__(names, config)
         self.rig, self._known, self._empty = rig, background, empty
-        self.gone = ""
+        self._whole = self  # with all cameras
+        self.changed = ""
         self._latest = -1  # number of the latest frame
 
     @property
@@ -250,31 +257,39 @@ class LiveCameras(Cameras):
                 frame = Frame(self._latest, self.join(pictures), None)
                 timeline.add(Span(ACQUISITION, frame.index, oldest - origin, timeline.now()))
                 shots.put(Shot(frame, oldest - origin))
+                if back := [camera.name for camera in self._list_returned()]:
+                    self.changed = f"{', '.join(back)} gives pictures again"
+                    break
         except GoneError as error:
-            self.gone = str(error)
-        if not self.gone:
-            self.close()
+            self.changed = str(error)
+        if not self.changed:
+            self._whole.close()
 
-    def without_gone(self) -> LiveCameras | None:
-        """Return the cameras that still give pictures, as a source that goes on; None, after which
-        all are released, if those are fewer than two."""
-        views = [view for view, camera in enumerate(self.cameras) if not camera.gone]
+    def _list_returned(self) -> list[LiveCamera]:
+        everybody = self._whole.cameras
+        return [one for one in everybody if one.gives_pictures and one not in self.cameras]
+
+    def with_present(self) -> LiveCameras | None:
+        """Return the cameras that give pictures, as a source that goes on; None, after which all
+        are released, if those are fewer than two."""
+        whole = self._whole
+        views = [view for view, camera in enumerate(whole.cameras) if camera.gives_pictures]
         if len(views) < 2:
-            self.close()
+            whole.close()
             return None
         rest = copy(self)
-        rest.rig = CameraRig(tuple(self.rig[view] for view in views))
-        rest.cameras = [self.cameras[view] for view in views]
-        rest._counts, rest.gone = [self._counts[view] for view in views], ""
+        rest.rig = CameraRig(tuple(whole.rig[view] for view in views))
+        rest.cameras = [whole.cameras[view] for view in views]
+        rest._counts, rest.changed = [0] * len(views), ""
         mean, std = (
-            whole[views][:, : rest.rig.height, : rest.rig.width]
-            for whole in (self.background.mean, self.background.std)
+            values[views][:, : rest.rig.height, : rest.rig.width]
+            for values in (whole.background.mean, whole.background.std)
         )
-        rest._known = replace(self.background, mean=mean, std=std)
+        rest._known = replace(whole.background, mean=mean, std=std)
         try:
             rest.first_pictures()
         except GoneError:
-            return rest.without_gone()
+            return rest.with_present()
         return rest
 
     def _record_empty(self, count: int) -> list[np.ndarray]:

@@ -19,13 +19,15 @@ from apf.live.people import LivePerson, Observer, Seen, VoxelObserver, observe_f
 from apf.live.sources import ACQUISITION, Newest, Shot, Smaller, Source
 from apf.live.timeline import Timeline
 from apf.scene import Scene
-from cl import Device, InputError, UserError
+from cl import Device, InputError
 from cl.batch import Batch
 from psfs.people.separation import with_hidden_maps
 from psfs.voxels.grid import VoxelGrid
 
 PROCESSING, TRACKING = "processing", "tracking"
 STAGES = (ACQUISITION, PROCESSING, TRACKING)
+#: Time for a thread's work in progress, s; after it a driver hangs.
+_TO_END = 30.0
 #: Frames over whose median time the size of a search is chosen.
 WINDOW = 8
 
@@ -235,14 +237,15 @@ class Live:
         """Track until the source ends, `stop` is called, or a KeyboardInterrupt, which ends the run
         without an error.
 
-        If a camera is gone, `warn` is told, and the run goes on with the others if they suffice. An
-        exception in any of the threads ends the run, and is in the result, with what was tracked.
+        If a camera is gone or comes back, `warn` is told, and the run goes on with those that give
+        pictures if they suffice. An exception ends the run, and is in the result, with what was
+        tracked.
         """
         self.timeline = Timeline(STAGES)
         try:
             self._run_threads(progress)
-            while self.source.gone and self.result.error is None:
-                why, rest = self.source.gone, self.source.without_gone()
+            while self.source.changed and self.result.error is None:
+                why, rest = self.source.changed, self.source.with_present()
                 if rest is None:
                     self.result.error = InputError(f"{why}; too few cameras are left")
                     break
@@ -253,8 +256,8 @@ class Live:
                 self._run_threads(progress)
         except KeyboardInterrupt:
             pass
-        except UserError as error:
-            self.result.error = error
+        except Exception as error:  # also of `progress`: what was tracked is kept
+            self.result.error = self.result.error or error
         return self.result
 
     def _run_threads(self, progress: Callable[[LiveResult, Timeline], object] | None) -> None:
@@ -273,7 +276,7 @@ class Live:
         finally:
             self.stop()
             for thread in threads:
-                thread.join()
+                thread.join(_TO_END)
 
     def stop(self) -> None:
         """End the run after the work in progress."""

@@ -66,20 +66,22 @@ class Newest(Generic[T]):
 
 
 class Source(FrameSource, Protocol):
-    """The input of live tracking. fps: frames per second. gone: why a camera gives no pictures;
-    empty as long as all do."""
+    """The input of live tracking. fps: frames per second. changed: why it goes on with other
+    cameras; empty as long as it does not."""
 
     fps: float
-    gone: str
+    changed: str
 
     def first(self) -> Frame:
         """Return a frame for the preparation."""
 
     def run(self, shots: Newest[Shot], timeline: Timeline, stop: threading.Event) -> None:
-        """Put shots until the end, `stop`, or until a camera is gone. Raises InputError."""
+        """Put shots until the end, `stop`, or until a camera is gone or comes back. Raises
+        InputError."""
 
-    def without_gone(self) -> Source | None:
-        """Return the source that goes on with the other cameras; None if they do not suffice."""
+    def with_present(self) -> Source | None:
+        """Return the source that goes on with the cameras that give pictures; None if they do not
+        suffice."""
 
 
 class Replay:
@@ -88,7 +90,7 @@ class Replay:
     If decoding is more than a frame late, the frame is dropped undecoded.
     """
 
-    gone = ""
+    changed = ""
 
     def __init__(self, sequence: Recording, frames: range) -> None:
         self.rig: CameraRig = sequence.rig
@@ -118,7 +120,7 @@ class Replay:
                 timeline.add(Span(ACQUISITION, index, due, timeline.now()))
                 shots.put(Shot(frame, due))
 
-    def without_gone(self) -> Source | None:
+    def with_present(self) -> Source | None:
         return None
 
 

@@ -21,7 +21,7 @@ from apf.cli import main
 from apf.filters.base import Estimate
 from apf.filters.method import Method
 from apf.formats.pose import read_pose, write_pose
-from apf.live.cameras import GoneError, LiveCamera
+from apf.live.cameras import LiveCamera
 from apf.live.config import LiveConfig
 from apf.live.people import make_translation_matrix
 from apf.live.session import Live, LiveResult, LiveStart, ObservedFrame
@@ -165,10 +165,16 @@ def test_stopped_it_keeps_what_it_has(filmed: Path) -> None:
 
 
 def film(
-    monkeypatch: pytest.MonkeyPatch, filmed: Path, left: dict[str, int], n_pictures: int
+    monkeypatch: pytest.MonkeyPatch,
+    filmed: Path,
+    left: dict[str, int],
+    n_pictures: int,
+    back_after: int = 10**6,
 ) -> list[str]:
     """Have the walk's videos give their first picture `n_pictures` times as cameras do; those in
-    `left` are gone after so many. Return their paths."""
+    `left` are gone after so many, and come back after another camera's picture `back_after`. Return
+    their paths."""
+    lost: list[LiveCamera] = []
     videos = sorted((filmed / "videos").iterdir())
     images = Sequence.open(filmed).read(0).images
     assert images is not None
@@ -176,13 +182,18 @@ def film(
 
     def next_picture(camera: LiveCamera, after: int) -> tuple[int, float, np.ndarray | None]:
         if after >= left.get(Path(camera.name).stem, 10**6):
-            camera.gone = True
-            raise GoneError(f"{camera.name} gives no more pictures")
+            lost.append(camera)
+            raise camera.lose("it was unplugged")
+        if after >= back_after and lost:
+            back = lost.pop()
+            left.pop(Path(back.name).stem)
+            back._count += 1
         time.sleep(0.001)
         picture = pictures[camera.name] if after < n_pictures else None
         return after + 1, time.perf_counter(), picture
 
     monkeypatch.setattr(LiveCamera, "next", next_picture)
+    monkeypatch.setattr(LiveCamera, "play", lambda camera: None)
     return list(pictures)
 
 
@@ -194,15 +205,41 @@ def test_a_camera_that_goes_is_told_and_the_others_go_on(
     names = film(monkeypatch, filmed, dict.fromkeys(gone, 12), 300)
     code = live(filmed, tmp_path / "out", "--particles", "48", "--captures", *names)
     said, track = " ".join(capfd.readouterr().err.split()), Track.open(tmp_path / "out")
-    assert "cam03.mp4 gives no more pictures; the run goes on with" in said or left == 1
+    assert (
+        "cam03.mp4 gives no more pictures: it was unplugged; the run goes on with" in said
+        or left == 1
+    )
     assert code == (0 if left > 1 else 2) and not track.lost.all()
     assert ("too few cameras are left" in said) == (left == 1)
     assert len(track) > (12 if left > 1 else 0)
     assert not list((tmp_path / "out").glob("parts/*"))
 
 
+def test_a_camera_that_comes_back_is_used_again(
+    filmed: Path, tmp_path: Path, monkeypatch, capfd
+) -> None:
+    names = film(monkeypatch, filmed, {"cam03": 12}, 300, back_after=40)
+    assert live(filmed, tmp_path / "out", "--particles", "48", "--captures", *names) == 0
+    said = " ".join(capfd.readouterr().err.split())
+    gone, back = (said.index(words) for words in ("gives no more pictures", "gives pictures again"))
+    assert gone < back and "cam03" not in said[gone:back].partition("goes on with")[2][:30]
+    assert "cam03" in said[back:]
+
+
+def test_a_full_disk_leaves_the_parts(filmed: Path, tmp_path: Path, monkeypatch, capfd) -> None:
+    def full(*_: object) -> None:
+        raise InputError("joints.trc: cannot be written: No space left on device")
+
+    monkeypatch.setattr(live_command, "_APART", 0.0)
+    monkeypatch.setattr(live_command, "write_files", full)
+    names = film(monkeypatch, filmed, {}, 100)
+    assert live(filmed, tmp_path / "out", "--particles", "48", "--captures", *names) == 2
+    assert f"what was tracked is in {tmp_path / 'out' / 'parts'}" in capfd.readouterr().err
+    assert len(Track.open(tmp_path / "out")) > 0
+
+
 def test_poses_are_on_disk_while_a_run_goes_on(filmed: Path, tmp_path: Path, monkeypatch) -> None:
-    monkeypatch.setattr(live_command, "EVERY", 0.0)
+    monkeypatch.setattr(live_command, "_APART", 0.0)
     monkeypatch.setattr(live_command, "remove_parts", lambda folder: None)
     names = film(monkeypatch, filmed, {}, 200)
     assert live(filmed, tmp_path / "out", "--particles", "48", "--captures", *names) == 0
@@ -232,7 +269,7 @@ class Watched(Live):
         self._shots, self._ready = Newest[Shot](bool), Newest[ObservedFrame](bool)
         self._free, self._stop = threading.Event(), threading.Event()
         self._free.set()
-        self._free_at, self.gone = 0.0, ""
+        self._free_at, self.changed = 0.0, ""
         self._processing, self._tracking = deque([0.002], 8), deque([0.005], 8)
         self.governor = SimpleNamespace(update=lambda *seconds: False)  # type: ignore[assignment]
         self.result, self.lies, self.observed = LiveResult(), -1, []
