@@ -17,7 +17,13 @@ from apf.keypoints.readers.arrays import (
     read_keypoints_npz,
 )
 from apf.keypoints.readers.deeplabcut import ENDINGS, is_deeplabcut, read_deeplabcut
-from apf.keypoints.readers.people import OPENCAP, read_alphapose, read_opencap, read_openpose
+from apf.keypoints.readers.people import (
+    OPENCAP,
+    read_alphapose,
+    read_mmpose,
+    read_opencap,
+    read_pictures,
+)
 from apf.keypoints.readers.raw import RawKeypoints
 from cl import InputError, MissingFileError
 from psfs.cameras.camera import CameraRig
@@ -29,8 +35,9 @@ from psfs.sequence import Sequence as Footage
 Cameras = CameraRig | Footage | Sequence[str]
 _WILDCARDS = "*?["
 _EXPECTED = (
-    "keypoints.npz, OpenPose's JSON per frame, AlphaPose's per video, OpenCap's pickles, "
-    "FreeMoCap's or other .npy arrays, or DeepLabCut's .csv or .h5"
+    "keypoints.npz, JSON of OpenPose, MMPose or EasyMocap per frame, of AlphaPose or MMPose per "
+    "video, YOLO's labels, OpenCap's pickles, FreeMoCap's or other .npy arrays, or .csv or .h5 of "
+    "DeepLabCut or SLEAP"
 )
 
 
@@ -98,9 +105,9 @@ def _read_folder(base: Path, roots: Sequence[Path]) -> RawKeypoints:
     if opencap:
         return read_opencap(base, opencap)
     texts = found("*.json")
-    openpose = read_openpose(base, texts)
-    if openpose is not None:
-        return openpose
+    pictures = read_pictures(base, texts)
+    if pictures is not None:
+        return pictures
     here = [
         path for root in roots for path in ((root, *root.iterdir()) if root.is_dir() else (root,))
     ]
@@ -112,9 +119,12 @@ def _read_folder(base: Path, roots: Sequence[Path]) -> RawKeypoints:
     tables = [path for path in sorted(here) if path.is_file() and is_deeplabcut(path)]
     if tables:
         return read_deeplabcut(base, tables)
-    alphapose = read_alphapose(base, texts)
-    if alphapose is not None:
-        return alphapose
+    for read in (read_alphapose, read_mmpose):
+        if (videos := read(base, texts)) is not None:
+            return videos
+    labels = read_pictures(base, found("*.txt"))
+    if labels is not None:
+        return labels
     other = f" but JSON of another layout, {texts[0].relative_to(base)}" if texts else ""
     raise InputError(f"{base}: holds no keypoints{other}; expected {_EXPECTED}")
 
@@ -162,7 +172,9 @@ def match_persons(
         of, note = match_cameras(raw, names)
         notes += [note] if note else []
     views = {camera: raw.views[name] for camera, name in of.items()}
-    length = _count_frames(raw, of, cameras)
+    views, placed = _place_frames(raw, views, cameras)
+    notes += placed
+    length = _count_frames(raw, views, cameras)
     n_persons = max(view.shape[1] for view in views.values())
     points = np.full((len(names), length, n_persons, len(raw.names), 3), np.nan)
     for row, camera in enumerate(names):
@@ -223,13 +235,33 @@ def match_cameras(raw: RawKeypoints, cameras: Sequence[str]) -> tuple[dict[str, 
     )
 
 
-def _count_frames(raw: RawKeypoints, of: Mapping[str, str], cameras: Cameras | None) -> int:
+def _place_frames(
+    raw: RawKeypoints, views: Mapping[str, np.ndarray], cameras: Cameras | None
+) -> tuple[dict[str, np.ndarray], list[str]]:
+    """Return the views (F, N, K, 3) by camera, in the frames that their files' numbers say if they
+    are fewer than the sequence's and numbered within it, with a note."""
+    longest = max(len(view) for view in views.values())
+    if not isinstance(cameras, Footage) or raw.first + longest > len(cameras):
+        return dict(views), []
+    if not raw.first or longest == len(cameras):
+        return dict(views), []
+    placed = {}
+    for camera, view in views.items():
+        placed[camera] = np.full((len(cameras), *view.shape[1:]), np.nan)
+        placed[camera][raw.first : raw.first + len(view)] = view
+    last = raw.first + longest - 1
+    return placed, [f"{raw.path}: keypoints of frames {raw.first} to {last} alone"]
+
+
+def _count_frames(
+    raw: RawKeypoints, views: Mapping[str, np.ndarray], cameras: Cameras | None
+) -> int:
     """Return the number of frames.
 
     Raises InputError if the cameras' numbers of frames contradict each other or the sequence: each
     must be that of the camera's own video or of the whole sequence.
     """
-    counts = {camera: len(raw.views[name]) for camera, name in of.items()}
+    counts = {camera: len(view) for camera, view in views.items()}
     if not isinstance(cameras, Footage):
         if len(set(counts.values())) > 1:
             found = join_names(f"{camera} {count}" for camera, count in counts.items())

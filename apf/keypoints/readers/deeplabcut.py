@@ -1,8 +1,8 @@
-"""Read DeepLabCut's tables: a file per camera, columns by scorer, (individual,) part and
-coordinate.
+"""Read tables of a file per camera: DeepLabCut's, and SLEAP's analysis.
 
-A csv has these names in its first rows, one row per level; an h5 is a pandas table and needs the
-extra `deeplabcut`.
+DeepLabCut's columns are by scorer, (individual,) part and coordinate: a csv has these names in its
+first rows, one row per level; an h5 is a pandas table. SLEAP's csv has a row per track and frame,
+its h5 arrays `tracks` and `point_scores`. An h5 needs the extra `deeplabcut`.
 """
 
 from __future__ import annotations
@@ -27,6 +27,10 @@ ENDINGS = (".csv", ".h5", ".hdf5")
 _LEVELS = ("individuals", "bodyparts", "coords")
 _COORDINATES = ("x", "y", "likelihood")
 _EXPECTED = "DeepLabCut's header rows scorer, bodyparts, coords"
+#: How SLEAP's csv begins.
+_SLEAP = [b"track", b"frame_idx"]
+#: Most frames of a table, an upper bound of what its numbers make the reader allocate.
+_MOST_FRAMES = 1_000_000
 #: What follows the video's name in a file's name: cam1DLC_resnet50_...
 _SCORER = "DLC"
 
@@ -35,12 +39,13 @@ Column = tuple[str, str, str]
 
 
 def is_deeplabcut(path: Path) -> bool:
-    """Return whether a .csv begins as DeepLabCut's do; an .h5 is assumed to be one."""
+    """Return whether a .csv begins as DeepLabCut's or SLEAP's do; an .h5 is assumed to be one."""
     if path.suffix.lower() != ".csv":
         return path.suffix.lower() in ENDINGS
     try:
         with open_input(path) as file:
-            return file.readline(100).removeprefix(BOM_UTF8).split(b",")[0].strip() == b"scorer"
+            head = file.readline(100).removeprefix(BOM_UTF8).split(b",")
+            return head[0].strip() == b"scorer" or head[:2] == _SLEAP
     except InputError:
         return False
 
@@ -79,6 +84,8 @@ def _read_csv(path: Path) -> tuple[list[Column], np.ndarray]:
     """Return columns and values (F, C) of a table with header rows; blank cells are NaN."""
     with parsing(path, "a table"):
         rows = list(csv.reader(io.StringIO(read_text(path, "a table", MOST_BYTES), newline="")))
+    if rows and rows[0][:2] == [word.decode() for word in _SLEAP]:
+        return _arrange_sleap(path, rows)
     heads: dict[str, list[str]] = {}
     while rows and rows[0] and rows[0][0].strip() in ("scorer", *_LEVELS):
         level, *cells = (cell.strip() for cell in rows.pop(0))
@@ -99,11 +106,48 @@ def _read_csv(path: Path) -> tuple[list[Column], np.ndarray]:
     return columns, values
 
 
+def _arrange_sleap(path: Path, rows: list[list[str]]) -> tuple[list[Column], np.ndarray]:
+    """Return columns and values (F, C) of SLEAP's rows: track, frame, the person's score, and x, y
+    and score of each part."""
+    names = [tuple(name.rsplit(".", 1)) for name in rows[0][3:]]
+    axes = {"x": "x", "y": "y", "score": "likelihood"}
+    if not names or any(len(name) != 2 or name[1] not in axes for name in names):
+        raise InputError(f"{path}: has columns {join_names(rows[0])}; expected SLEAP's analysis")
+    with parsing(path, "SLEAP's analysis"):
+        frames = [int(row[1]) for row in rows[1:]]
+        numbers = [[float(cell) if cell.strip() else np.nan for cell in r[3:]] for r in rows[1:]]
+        tracks = list(dict.fromkeys(row[0] for row in rows[1:]))
+        length = max(frames, default=-1) + 1
+        if length > _MOST_FRAMES:
+            raise InputError(f"frame {length - 1}; expected at most {_MOST_FRAMES}")
+        values = np.full((length, len(tracks), len(names)), np.nan)
+        for row, frame, cells in zip(rows[1:], frames, numbers, strict=True):
+            values[frame, tracks.index(row[0])] = cells
+    columns = [(track, part, axes[axis]) for track in tracks for part, axis in names]
+    return columns, values.reshape(length, -1)
+
+
+def _read_sleap(path: Path, file: Any) -> tuple[list[Column], np.ndarray]:
+    """Return columns and values (F, C) of SLEAP's arrays in an open HDF5 file."""
+    with parsing(path, "SLEAP's analysis"):
+        places = np.asarray(file.root.tracks.read(), float)  # (tracks, x y, parts, frames)
+        parts = [name.decode() for name in np.ravel(file.root.node_names.read())]
+        scores = np.isfinite(places[:, 0]).astype(float)
+        if "/point_scores" in file:
+            scores = np.asarray(file.root.point_scores.read(), float)
+        whole = np.concatenate([places, scores[:, None]], axis=1)
+    columns = [
+        (str(track), part, axis)
+        for track in range(len(whole)) for axis in _COORDINATES for part in parts
+    ]  # fmt: skip
+    return columns, whole.reshape(-1, whole.shape[-1]).T
+
+
 def _read_h5(path: Path) -> tuple[list[Column], np.ndarray]:
     """Return columns and values (F, C) of a pandas table. Raises InputError."""
     try:
         import pandas
-        import tables  # noqa: F401  pandas needs it for reading
+        import tables
     except ImportError:
         raise InputError(
             f"{path}: reading DeepLabCut's .h5 needs pandas and tables "
@@ -111,6 +155,9 @@ def _read_h5(path: Path) -> tuple[list[Column], np.ndarray]:
         ) from None
     with parsing(path, "a pandas table"):
         open_input(path).close()
+        with tables.open_file(path) as file:
+            if "/tracks" in file and "/node_names" in file:
+                return _read_sleap(path, file)
         table: Any = pandas.read_hdf(path)
     names = list(getattr(table.columns, "names", []))
     if not {"bodyparts", "coords"} <= set(names):

@@ -1,10 +1,10 @@
-"""Read keypoints of several persons per frame: OpenPose's JSON, and OpenCap's pickles.
+"""Read keypoints of several persons per frame, as many programs list them.
 
-OpenPose writes a file per camera and frame, `{"people": [{"pose_keypoints_2d": [x, y, c, ...]}]}`;
-so do Pose2Sim (`pose/cam01_json/cam01_000000.json`), Sports2D and AlphaPose with `--format open`.
-By default AlphaPose writes one list of persons a video, with the picture's name in each;
-`--format cmu` and `open` an object of pictures. OpenCap stores the
-same lists in a pickle per camera and trial
+A file per camera and frame: OpenPose's `{"people": [{"pose_keypoints_2d": [x, y, c, ...]}]}`, which
+Pose2Sim (`pose/cam01_json/cam01_000000.json`), Sports2D and AlphaPose with `--format open` write,
+too; EasyMocap's, MMPose's, and YOLO's labels. `LAYOUTS` says where each lists what. A file per
+video: AlphaPose's (a list, or with `--format cmu` and `open` an object of pictures) and MMPose's.
+OpenCap stores OpenPose's lists in a pickle per camera and trial
 (`Videos/Cam0/OutputPkl_default/jump/jump_rotated_pp.pkl`).
 """
 
@@ -12,17 +12,18 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from apf.keypoints.readers.orders import find_order
+from apf.keypoints.readers.orders import COCO_17, find_order
 from apf.keypoints.readers.plain_pickle import read_plain_pickle
 from apf.keypoints.readers.raw import RawKeypoints
 from cl import InputError
 from psfs.cameras.names import join_names
-from psfs.common.files import read_json
+from psfs.common.files import read_json, read_text
 from psfs.common.reading import parsing
 
 #: `cam01.0000`, `cam01_000000_keypoints`: the camera, and the frame.
@@ -44,8 +45,37 @@ _MOST_LIST_BYTES = 2**29
 _PICKLED = "a pickle of plain lists of frames, persons and pose_keypoints_2d"
 
 
-def read_openpose(folder: Path, paths: Sequence[Path]) -> RawKeypoints | None:
-    """Read OpenPose's JSON files, `paths` in `folder` or below; None if none of them is.
+@dataclass(frozen=True)
+class PersonLayout:
+    """Where a program's JSON of a picture has its persons: under the key `persons`, or it is a list
+    of them; each with numbers under `points`: x, y and, unless `scores` has these, confidence."""
+
+    persons: str
+    points: str
+    scores: str = ""
+
+    def list_persons(self, content: object) -> list[object] | None:
+        """Return the persons of a picture; None if the content has another layout."""
+        persons = content
+        if self.persons:
+            persons = content.get(self.persons) if isinstance(content, Mapping) else None
+        if not isinstance(persons, list):
+            return None
+        keys = {self.points, self.scores} - {""}
+        known = all(isinstance(person, Mapping) and keys <= person.keys() for person in persons)
+        return persons if self.persons or (persons and known) else None
+
+
+OPENPOSE = PersonLayout("people", _POINTS)
+EASYMOCAP = PersonLayout("annots", "keypoints")
+MMPOSE = PersonLayout("", "keypoints", "keypoint_scores")
+LAYOUTS = (OPENPOSE, EASYMOCAP, MMPOSE)
+#: Numbers of a line of YOLO's labels before the keypoints: class, and the box's middle and size.
+_YOLO_HEAD = 5
+
+
+def read_pictures(folder: Path, paths: Sequence[Path]) -> RawKeypoints | None:
+    """Read a file per camera and frame, `paths` in `folder` or below; None if none of them is one.
 
     Files with the same folder and the same beginning belong to one camera; the number at the end is
     the frame's. Frames without a file are missing. Raises InputError naming the file that is wrong.
@@ -61,16 +91,74 @@ def read_openpose(folder: Path, paths: Sequence[Path]) -> RawKeypoints | None:
             other = files[int(found["frame"])].name
             raise InputError(f"{path}: has the frame number of {other}; expected one file a frame")
         files[int(found["frame"])] = path
-    views = {
-        parts: {frame: _parse_persons(path, _read_picture(path)) for frame, path in files.items()}
-        for parts, files in cameras.items()
-        if _is_openpose(next(iter(files.values())))
-    }
+    views = {}
+    for parts, files in cameras.items():
+        layout = _find_layout([*files.values()])
+        if layout is not None:
+            views[parts] = {n: _read_persons(path, layout) for n, path in files.items()}
     if not views:
         return None
     first = min(min(frames) for frames in views.values())  # 0, 1 or, of a cut video, any number
     people = {parts: _order_frames(folder, frames, first) for parts, frames in views.items()}
-    return _build_raw(folder, people)
+    labels = next(iter(next(iter(cameras.values())).values())).suffix == _LABELS
+    return replace(_build_raw(folder, people), shares=labels, first=first)
+
+
+_LABELS = ".txt"
+
+
+def _find_layout(paths: Sequence[Path]) -> PersonLayout | str | None:
+    """Return the layout of a camera's files, that of the first with somebody; None if none fits."""
+    if paths[0].suffix == _LABELS:
+        return _LABELS if _parse_labels(paths[0]) else None
+    fitting = None
+    for path in paths:
+        content = _read_picture(path)
+        fits = [layout for layout in LAYOUTS if layout.list_persons(content) is not None]
+        fitting = fits[0] if fits else None
+        if fits or content != []:  # MMPose's list of nobody
+            break
+    return fitting
+
+
+def _read_persons(path: Path, layout: PersonLayout | str) -> list[np.ndarray]:
+    if isinstance(layout, str):
+        return _parse_labels(path)
+    return _parse_persons(path, _read_picture(path), layout)
+
+
+def _parse_labels(path: Path) -> list[np.ndarray]:
+    """Return the persons (K, 3) of a file of YOLO's labels, shares of the picture: lines of class,
+    box, x, y and perhaps confidence of 17 points, and perhaps the person's; none of other texts."""
+    persons = []
+    for line in read_text(path, "YOLO's labels", _MOST_JSON_BYTES).splitlines():
+        try:
+            values = np.array([float(word) for word in line.split()])
+        except ValueError:
+            return []
+        n = len(COCO_17)
+        for width in (3, 2):
+            if len(values) in (_YOLO_HEAD + width * n, _YOLO_HEAD + width * n + 1):
+                points = values[_YOLO_HEAD : _YOLO_HEAD + width * n].reshape(n, width)
+                persons.append(np.column_stack([points, np.ones((n, 3 - width))]))
+                break
+        else:
+            return []
+    return persons
+
+
+def read_mmpose(folder: Path, paths: Sequence[Path]) -> RawKeypoints | None:
+    """Read MMPose's results of videos, a file each; None if none of `paths` is. Raises InputError
+    naming the file that is wrong."""
+    people = {}
+    for path in paths:
+        content = read_json(path, "JSON of a video", _MOST_LIST_BYTES, nan=True)
+        frames = content.get("instance_info") if isinstance(content, Mapping) else None
+        if isinstance(frames, list) and all(isinstance(frame, Mapping) for frame in frames):
+            parts = (*path.relative_to(folder).parent.parts, path.stem)
+            instances = PersonLayout("instances", MMPOSE.points, MMPOSE.scores)
+            people[parts] = [_parse_persons(path, frame, instances) for frame in frames]
+    return _build_raw(folder, people) if people else None
 
 
 def read_alphapose(folder: Path, paths: Sequence[Path]) -> RawKeypoints | None:
@@ -137,33 +225,36 @@ def read_opencap(folder: Path, paths: Sequence[Path]) -> RawKeypoints:
     return _build_raw(folder, people)
 
 
-def _is_openpose(path: Path) -> bool:
-    """Return whether this is a file of keypoints and not some other JSON."""
-    content = _read_picture(path)
-    return isinstance(content, dict) and "people" in content
-
-
 def _read_picture(path: Path) -> object:
     return read_json(path, "OpenPose's JSON of a picture", _MOST_JSON_BYTES, nan=True)
 
 
-def _parse_persons(path: Path, content: object) -> list[np.ndarray]:
+def _parse_persons(
+    path: Path, content: object, layout: PersonLayout = OPENPOSE
+) -> list[np.ndarray]:
     """Parse the persons (K, 3) of a frame. Raises InputError."""
-    persons = content.get("people") if isinstance(content, dict) else None
-    if not isinstance(persons, list):
-        raise InputError(f"{path}: lacks the list people; expected OpenPose's JSON")
+    persons = [] if content == [] else layout.list_persons(content)
+    if persons is None:
+        raise InputError(f"{path}: lacks the list {layout.persons}; expected that of the others")
     if len(persons) > _MOST_PERSONS:
         raise InputError(
             f"{path}: {len(persons):,} persons in a picture; expected at most {_MOST_PERSONS}"
         )
-    points = (_parse_points(path, number, person) for number, person in enumerate(persons))
+    points = (_parse_points(path, n, person, layout) for n, person in enumerate(persons))
     # OpenPose leaves the list empty if it only searched for hands
     return [found for found in points if len(found)]
 
 
-def _parse_points(path: Path, number: int, person: object) -> np.ndarray:
+def _parse_points(
+    path: Path, number: int, person: object, layout: PersonLayout = OPENPOSE
+) -> np.ndarray:
     """Parse the points (K, 3) of a person. Raises InputError."""
-    values = person.get(_POINTS) if isinstance(person, dict) else None
+    values = person.get(layout.points) if isinstance(person, Mapping) else None
+    if isinstance(values, list) and values and all(isinstance(row, list) for row in values):
+        scores = person.get(layout.scores) if isinstance(person, Mapping) else None
+        if isinstance(scores, list) and len(scores) == len(values):
+            values = [[*row[:2], score] for row, score in zip(values, scores, strict=True)]
+        values = [value for row in values for value in row]
     if (
         isinstance(values, list)
         and len(values) <= _MOST_NUMBERS
@@ -174,8 +265,8 @@ def _parse_points(path: Path, number: int, person: object) -> np.ndarray:
             return np.array(values, np.float64).reshape(-1, 3)
     count = f"{len(values):,}" if isinstance(values, list) else type(values).__name__
     raise InputError(
-        f"{path}: {_POINTS} of person {number} is not a list x, y, confidence, x, ... of at most "
-        f"{_MOST_NUMBERS} numbers; found {count} values"
+        f"{path}: {layout.points} of person {number} is not a list x, y, confidence, x, ... of at "
+        f"most {_MOST_NUMBERS} numbers; found {count} values"
     )
 
 

@@ -18,7 +18,8 @@ class RawKeypoints:
     names: (K,). views: by the camera's name in the file, (F, N, K, 3) x, y px and confidence of N
     persons, NaN where missing; F and N differ from camera to camera. named: whether these names
     identify the camera, or are only numbers. shares: whether x and y are shares of the picture's
-    width and height. notes: remarks on what was guessed or left out.
+    width and height. notes: remarks on what was guessed or left out. first: the number of the first
+    frame in the files' names.
     """
 
     path: Path
@@ -27,6 +28,7 @@ class RawKeypoints:
     named: bool = True
     shares: bool = False
     notes: tuple[str, ...] = ()
+    first: int = 0
 
     def __post_init__(self) -> None:
         if not self.views:

@@ -7,6 +7,7 @@ import csv
 import json
 import pickle
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -108,6 +109,84 @@ def test_alphaposes_results_of_a_video(tmp_path: Path, form: str) -> None:
     (other / "results.json").write_text("[1]")
     with pytest.raises(apf.InputError, match=r"JSON of another layout, results\.json; expected"):
         Keypoints.open(other, RIG)
+
+
+def as_easymocap(points: np.ndarray) -> str:
+    return json.dumps({"annots": [{"personID": 0, "keypoints": np.nan_to_num(points).tolist()}]})
+
+
+def as_mmpose(points: np.ndarray) -> list[dict[str, Any]]:
+    known = np.nan_to_num(points)
+    return [{"keypoints": known[:, :2].tolist(), "keypoint_scores": known[:, 2].tolist()}]
+
+
+def as_yolo(points: np.ndarray) -> str:
+    shares = np.nan_to_num((points + np.array([0.5, 0.5, 0])) / np.array([*RIG[0].size, 1]))
+    return f"0 0.5 0.5 0.1 0.2 {' '.join(map(str, shares.ravel()))}\n"
+
+
+@pytest.mark.parametrize("program", ["easymocap", "mmpose", "mmpose_video", "yolo", "sleap"])
+def test_files_of_other_programs(tmp_path: Path, program: str) -> None:
+    """Pictures without anybody have no file, an empty one, or an empty list."""
+    rig = CameraRig(tuple(replace(camera, size=RIG[0].size) for camera in RIG))
+    written = walked(names=COCO_17)
+    written.points[:, 1] = written.points[1, 2, 4] = np.nan
+    for view, camera in enumerate(written.camera_names):
+        points = written.points[view].astype(float)
+        folder = tmp_path / camera
+        folder.mkdir()
+        for frame in range(FRAMES):
+            shown, path = points[frame], folder / f"{frame:06d}.json"
+            if program == "easymocap":
+                path.write_text(as_easymocap(shown))
+            elif program == "mmpose":
+                path.write_text(json.dumps([] if frame == 1 else as_mmpose(shown)))
+            elif program == "yolo" and frame != 1:
+                (folder / f"take_{frame + 1}.txt").write_text(as_yolo(shown))
+        video = [
+            {"frame_id": k + 1, "instances": [] if k == 1 else as_mmpose(points[k])}
+            for k in range(FRAMES)
+        ]
+        if program == "mmpose_video":
+            (folder / "results.json").write_text(json.dumps({"instance_info": video}))
+        if program == "sleap":
+            head = ",".join(f"{name}.{axis}" for name in COCO_17 for axis in ("x", "y", "score"))
+            rows = [f"track,frame_idx,instance.score,{head}"]
+            for frame in range(FRAMES):
+                cells = ["" if np.isnan(value) else str(value) for value in points[frame].ravel()]
+                rows.append(",".join(["one", str(frame), "0.9", *cells]))
+            (folder / f"{camera}.analysis.csv").write_text("\n".join(rows))
+    given = tmp_path if program != "sleap" else tmp_path / "*" / "*.csv"
+    read = Keypoints.open(given, rig)
+    assert (read.names, read.camera_names) == (written.names, written.camera_names)
+    np.testing.assert_allclose(read.points, written.points, atol=1e-3)
+
+
+def test_sleaps_h5(tmp_path: Path) -> None:
+    tables = pytest.importorskip("tables")
+    written = walked(names=COCO_17)
+    for view, camera in enumerate(written.camera_names):
+        with tables.open_file(tmp_path / f"{camera}.analysis.h5", "w") as file:
+            points = written.points[view].astype(float).T  # (3, K, F)
+            file.create_array("/", "tracks", points[None, :2])
+            file.create_array("/", "point_scores", points[None, 2])
+            file.create_array("/", "node_names", [name.encode() for name in COCO_17])
+    read = Keypoints.open(tmp_path / "*.h5", RIG)
+    np.testing.assert_allclose(read.points, written.points, atol=1e-3)
+
+
+def test_frames_that_begin_later_are_placed_by_their_numbers(tmp_path: Path) -> None:
+    sequence = psfs.open_sequence(footage.native(tmp_path / "take", views=4, frames=FRAMES + 10))
+    written = walked(rig=sequence.rig)
+    LAYOUTS["from_8"] = lambda camera, frame: f"{camera}/{camera}_{frame + 8}.json"
+    try:
+        folder = write(tmp_path / "json", "from_8", written)
+    finally:
+        del LAYOUTS["from_8"]
+    read = Keypoints.open(folder, sequence)
+    np.testing.assert_array_equal(read.points[:, 8 : 8 + FRAMES], written.points)
+    assert np.isnan(read.points[:, :8]).all() and np.isnan(read.points[:, 8 + FRAMES :]).all()
+    assert any("of frames 8 to 13 alone" in note for note in read.notes)
 
 
 def test_names_with_brackets_are_no_patterns(tmp_path: Path) -> None:
