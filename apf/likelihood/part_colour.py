@@ -8,6 +8,8 @@ palette, the likelihood ratio of the code on the part and on the mean part.
 
 from __future__ import annotations
 
+from functools import cache
+
 import cv2
 import numpy as np
 import scipy
@@ -113,10 +115,15 @@ def fit_palette(pictures: np.ndarray, silhouettes: np.ndarray) -> np.ndarray | N
     centres, _ = scipy.cluster.vq.kmeans2(
         _lab(chosen), _PALETTE_COLOURS, iter=20, minit="++", seed=0, missing="warn"
     )
+    return scipy.spatial.cKDTree(centres).query(_every_colour())[1].astype(np.uint8)
+
+
+@cache
+def _every_colour() -> np.ndarray:
+    """Return the colours (N_COLOURS, 3) of the lookup table, as `_lab` has them."""
     levels = (np.arange(1 << _BITS) << 8 - _BITS) + (1 << 7 - _BITS)
     every = np.stack(np.meshgrid(levels, levels, levels, indexing="ij"), -1).reshape(-1, 3)
-    away = ((_lab(every.astype(np.uint8))[:, None] - centres) ** 2).sum(-1)
-    return away.argmin(1).astype(np.uint8)
+    return _lab(every.astype(np.uint8))
 
 
 def _lab(colours: np.ndarray) -> np.ndarray:

@@ -60,6 +60,8 @@ OVERLAP = 30
 #: Largest window: bytes of its observations, about 500 frames of 4 cameras of 640 x 480 with clean
 #: silhouettes; frames, if the observations are keypoints alone.
 MOST_BYTES, MOST_FRAMES = 500_000_000, 1000
+#: Number of a window's last frames whose crops are not waited for.
+_CROPPING = 8
 #: One frame of a window: its number, its observation, and for each track the estimates of its runs.
 _WindowFrame = tuple[int, "_Kept", list[list[Estimate]]]
 
@@ -86,14 +88,14 @@ def track_both_ways(
     ended: BaseException | None = None
     whole = False
     while True:
-        n_bytes = sum(kept.nbytes for _, kept, _ in window[:-1])
+        n_bytes = sum(kept.nbytes for _, kept, _ in window[:-_CROPPING])
         try:
             for index, shown in frames:
                 runs = forward.step(shown)
                 n_runs = len(runs) // len(back)
                 by_track = [runs[n_runs * of : n_runs * (of + 1)] for of in range(len(back))]
                 window.append((index, _keep(device, shown, pool), by_track))
-                n_bytes += window[-2][1].nbytes if len(window) > 1 else 0
+                n_bytes += sum(kept.nbytes for _, kept, _ in window[:-_CROPPING][-1:])
                 progress("tracking")
                 if is_full(len(window), n_bytes):
                     break

@@ -8,6 +8,7 @@ import numpy as np
 
 from psfs.cameras.camera import CameraRig
 from psfs.cameras.rig_geometry import intersect_axes_ahead
+from psfs.common.progress import map_in_threads
 from psfs.common.regions import find_largest_region_box
 from psfs.silhouettes.hidden import UNKNOWN
 from psfs.voxels.grid import VoxelGrid
@@ -62,20 +63,27 @@ def largest_parts_box(
     """Return the box, m, around the largest connected parts of all frames; None if there are none.
     evidence: maps of each frame, from `remove_speckle`."""
     centres = grid.centres()
-    votes = np.zeros((len(evidence), grid.size), np.int32)
-    seeing = np.zeros(grid.size, np.int32)
-    for view, camera in enumerate(rig):
+
+    def look(view: int) -> tuple[np.ndarray, list[np.ndarray]]:
+        """Return the voxels that a camera sees, and their evidence in each frame."""
+        camera = rig[view]
         inside, row, column, depth = camera.look_up(centres)
         if not len(depth):
-            continue
-        seeing += inside
+            return np.zeros(0, int), [np.zeros(0, int)] * len(evidence)
         covered = grid.voxel_size * camera.K[0, 0] / float(np.median(depth))
-        seen, pixels = np.flatnonzero(inside), row * rig.width + column
-        for frame, maps in enumerate(evidence):
-            counts = _dilate_foreground(maps[view], covered).ravel()[pixels]
-            votes[frame, seen] += np.where(counts == UNKNOWN, 0, counts)
+        pixels = row * rig.width + column
+        counts = [_dilate_foreground(maps[view], covered).ravel()[pixels] for maps in evidence]
+        return np.flatnonzero(inside), [np.where(of == UNKNOWN, 0, of) for of in counts]
+
+    votes = np.zeros((len(evidence), grid.size), np.int32)
+    seeing = np.zeros(grid.size, np.int32)
+    for seen, counts in map_in_threads(look, range(len(rig))):
+        seeing[seen] += 1
+        for frame, of in enumerate(counts):
+            votes[frame, seen] += of
     occupied = (votes > 0) & (seeing >= min_cameras)
-    parts = [find_largest_region_box(frame.reshape(grid.shape)) for frame in occupied]
+    shapes = [frame.reshape(grid.shape) for frame in occupied]
+    parts = list(map_in_threads(find_largest_region_box, shapes))
     corners = np.array([part for part in parts if part is not None])
     if not len(corners):
         return None
