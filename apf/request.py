@@ -21,8 +21,13 @@ from apf.live.config import LiveConfig
 from apf.presets import PRESETS
 from apf.report import PAGE
 from apf.synthetic.config import SceneConfig
-from apf.tracking.config import SmoothingConfig, TriangulatedConfig
-from apf.tracking.exports import EXPORTS, OF_POINTS, OPENSIM
+from apf.tracking.config import (
+    EXPORTS,
+    OF_POINTS,
+    OPENSIM,
+    SmoothingConfig,
+    TriangulatedConfig,
+)
 from cl import InputError
 from psfs import request as of_psfs
 from psfs.common.config import Config, field_choices, part

@@ -23,9 +23,8 @@ from psfs.sequence import Sequence
 from psfs.volume import Volume
 from psfs.voxels.body_prior import TrackedBody
 from psfs.voxels.clouds import remove_debris
-from psfs.voxels.config import ReconstructionConfig
+from psfs.voxels.config import DEBRIS_SHARE, VOXEL_EDGES, ReconstructionConfig
 from psfs.voxels.grid import VoxelCloud
-from psfs.voxels.limits import DEBRIS_SHARE, VOXEL_EDGES
 
 log = logging.getLogger(__name__)
 

@@ -13,14 +13,12 @@ from psfs.cameras.camera import CameraRig
 from psfs.sequence import Frame, frame_input
 from psfs.silhouettes.appearance import follows, looks_again
 from psfs.silhouettes.silhouette import Silhouette
-from psfs.voxels.body_location import BodyLocation
-from psfs.voxels.body_prior import TrackedBody, pack_body
-from psfs.voxels.bricks import Bricks
+from psfs.voxels.body_prior import BodyLocation, TrackedBody, pack_body
+from psfs.voxels.bricks import Bricks, Occupancy
 from psfs.voxels.config import ReconstructionConfig
 from psfs.voxels.device_voxels import Voxels
 from psfs.voxels.grid import VoxelGrid
 from psfs.voxels.moving_grid import GridFollower
-from psfs.voxels.occupancy import Occupancy
 from psfs.voxels.sparse import SparseSurface
 from psfs.voxels.surface import Surface
 

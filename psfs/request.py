@@ -21,8 +21,7 @@ from psfs.mesh.config import FORMATS as MESH_FORMATS
 from psfs.mesh.config import SMOOTHING
 from psfs.presets import PRESETS
 from psfs.self_calibration.config import PersonConfig
-from psfs.voxels.config import ReconstructionConfig
-from psfs.voxels.limits import DEBRIS_SHARE, VOXEL_EDGES
+from psfs.voxels.config import DEBRIS_SHARE, VOXEL_EDGES, ReconstructionConfig
 
 #: Greatest number of voxels along an axis in --grid.
 _MOST_ALONG = 10_000

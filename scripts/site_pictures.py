@@ -27,8 +27,8 @@ from apf.tracking.track import Track
 from psfs.output.preview import View, shade_cloud
 from psfs.output.reconstruction_folder import ReconstructionFolder
 from psfs.sequence import Frame, Sequence
+from psfs.voxels.clouds import estimate_normals
 from psfs.voxels.grid import VoxelCloud
-from psfs.voxels.normals import estimate_normals
 
 OUT = Path(__file__).parents[1] / "docs" / "pictures"
 #: Width and height of a panel of the animation, px.

@@ -10,8 +10,7 @@ from apf.body.limbs import limb_names
 from apf.cli.opened_track import open_given_track, stated_cutoff
 from apf.formats.opensim.setup import ANGLES, INVERSE_KINEMATICS, SCALING
 from apf.request import ExportRequest
-from apf.tracking.config import SmoothingConfig
-from apf.tracking.exports import OPENSIM
+from apf.tracking.config import OPENSIM, SmoothingConfig
 from apf.tracking.motion_files import Export, export
 from apf.tracking.people import PeopleTracks, holds_people, person_folder
 from apf.tracking.track import spans

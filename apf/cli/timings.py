@@ -41,8 +41,8 @@ def measure(seconds: float) -> list[dict[str, Any]]:
     size = _FRAMES, 1, 0.1 * seconds
     tasks = {place.label: partial(column, place, problem, *size) for place in found}
     if any(place.cores and place.cores > 1 for place in found):
-        alone = only_cores(1)
-        tasks[f"{cpu_place().label}: one core"] = partial(apart, alone, on_cpu, problem, *size)
+        one = f"{cpu_place().label.rpartition(', ')[0]}, one core"
+        tasks[one] = partial(apart, only_cores(1), on_cpu, problem, *size)
     twin = partial(apart, ONE_THREAD, on_numpy, problem, 2, 1, 0.1 * seconds, 0)
     tasks["NumPy, one thread (the specification)"] = twin
     rows = []
@@ -90,7 +90,7 @@ def _draw(rows: list[dict[str, Any]], path: Path) -> None:
     axes = figure.add_subplot()
     ms = [row["ms"] for row in rows]
     bars = axes.barh([row["program"] for row in rows], ms, color="tab:blue")
-    axes.bar_label(bars, [f"{value:,.3g} ms" for value in ms], padding=3)
+    axes.bar_label(bars, [f"{value:,.{0 if value >= 100 else 2}f} ms" for value in ms], padding=3)
     axes.set_xscale("log")
     axes.set_xlim(min(ms) / 3, max(ms) * 8)
     axes.set_xlabel("ms per frame: reconstruction, colour and tracking")

@@ -13,8 +13,7 @@ from apf.initialisation.point_fit import PointFit, PointFitter, PointViews
 from apf.initialisation.start import StartError
 from apf.keypoints.keypoints import Keypoints
 from apf.keypoints.landmarks import BodyPoints, locate_points
-from apf.likelihood.keypoint_model import KeypointModel
-from apf.likelihood.observations import PointObservations
+from apf.likelihood.observations import KeypointModel, PointObservations
 from psfs.cameras.camera import CameraRig
 from psfs.cameras.triangulation import TriangulationConfig, triangulate
 from psfs.common.numbers import pick_evenly

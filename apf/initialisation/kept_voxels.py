@@ -118,7 +118,8 @@ class RestoredVoxels:
     frame overwrites it. Its buffers are large enough for any of `frames`.
 
     `show(frame)` enqueues the kernel that restores the frame from its crops. Outside a crop, maps
-    and images repeat its border pixels. Kernel: common/uncrop.cl; twin: reference/kept_voxels.py.
+    and images repeat its border pixels. Kernel: common/uncrop.cl; twin: `uncrop` in
+    reference/likelihood/voxel.py.
     """
 
     stays = False

@@ -25,7 +25,7 @@ class SilhouetteRecall:
     Song et al. eq. (15) only measures whether the body lies within the silhouettes, so that both
     legs can lie in the silhouette of one. This term measures the reverse, as Rymut 2016 eq. (4.42).
     `points`, `pixels`: two arrays (K, 4) and (V, K, 2) each; `sampling_launch` writes the first and
-    the launches read the second. Twin: reference/likelihood/silhouette_recall.py.
+    the launches read the second. Twin: reference/likelihood/voxel.py.
     """
 
     def __init__(

@@ -9,8 +9,7 @@ from pathlib import Path
 from apf.formats.angles import write_angle_csv
 from apf.formats.c3d import C3dEvent, TooLongError, write_c3d
 from apf.formats.opensim.tools import write_opensim
-from apf.tracking.config import SmoothingConfig
-from apf.tracking.exports import EXPORTS, OF_POINTS, OPENSIM, OPENSIM_FOLDER
+from apf.tracking.config import EXPORTS, OF_POINTS, OPENSIM, OPENSIM_FOLDER, SmoothingConfig
 from apf.tracking.gait import Gait, measure_gait
 from apf.tracking.smoothing import smooth_track
 from apf.tracking.track import Track

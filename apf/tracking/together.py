@@ -17,8 +17,7 @@ from apf.filters.base import DeviceTracker, Estimate, begin_searches
 from apf.filters.method import Method
 from apf.scene import Scene
 from cl import Array, Device, InputError, Launch
-from cl.batch import Batch
-from cl.parts import Parts
+from cl.batch import Batch, Parts
 from cl.workgroups import pack_defines
 from psfs.cameras.camera import CameraRig
 from psfs.common.cones import CONE_FLOATS
@@ -35,7 +34,7 @@ class ExpectedBodies:
     """The posed cones of several bodies in the latest frames, and the spheres expected of them.
 
     All bodies have the same number of cones. `spheres` (P, K, 4) float32 receives the prediction,
-    see `expect`. Twin: reference/people.py.
+    see `expect`. Twin: reference/likelihood/voxel.py.
     """
 
     def __init__(self, device: Device, bodies: Sequence[BodyModel], spheres: Array) -> None:

@@ -20,7 +20,7 @@ from psfs.common.regions import iou
 from psfs.diagnostics.reprojection_iou import Checker
 from psfs.mesh.config import FORMATS, MOST_SMOOTHING
 from psfs.mesh.marching_cubes import Mesher, write_mesh
-from psfs.mesh.raycast import RayScene
+from psfs.mesh.preview import RayScene
 from psfs.output.reconstruction_folder import ReconstructionFolder
 from psfs.request import MESH_DEFINITION, MeshRequest
 from psfs.sequence import Frame

@@ -16,9 +16,8 @@ from psfs.mesh.config import FORMATS, SMOOTHING
 from psfs.output.reconstruction_folder import ReconstructionFolder
 from psfs.reconstructor import Reconstructor
 from psfs.sequence import Sequence
-from psfs.voxels.config import OccupancyConfig
+from psfs.voxels.config import DEBRIS_SHARE, OccupancyConfig
 from psfs.voxels.grid import VoxelCloud, VoxelGrid
-from psfs.voxels.limits import DEBRIS_SHARE
 
 if TYPE_CHECKING:
     import trimesh

@@ -13,10 +13,9 @@ from psfs.cameras.footprints import voxel_footprints
 from psfs.common.names import escape_unprintable
 from psfs.common.numbers import pick_evenly
 from psfs.sequence import Frame
-from psfs.voxels.clouds import coarsen
+from psfs.voxels.clouds import coarsen, estimate_normals
 from psfs.voxels.grid import VoxelCloud
 from psfs.voxels.host_voxels import voxel_silhouette
-from psfs.voxels.normals import estimate_normals
 
 #: Azimuth and elevation of the views, degrees.
 VIEWS = ((0, 10), (60, 10), (120, 10), (180, 10), (240, 10), (300, 25))

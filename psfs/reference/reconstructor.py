@@ -14,12 +14,10 @@ from psfs.common.system import physical_memory
 from psfs.reference.adaptation import NumpyAdaptation
 from psfs.reference.appearance import NumpyForeground
 from psfs.reference.body_prior import body_evidence, body_location
-from psfs.reference.colour import surface_colour
-from psfs.reference.hidden import hide
 from psfs.reference.light import estimate_light
-from psfs.reference.occupancy import occupancy
+from psfs.reference.reprojection import hide
 from psfs.reference.silhouette import mask_evidence, silhouette_evidence
-from psfs.reference.surface import smooth, surface_voxels
+from psfs.reference.surface import occupancy, smooth, surface_colour, surface_voxels
 from psfs.sequence import Frame, frame_input
 from psfs.silhouettes.appearance import follows, looks_again
 from psfs.silhouettes.config import SilhouetteConfig

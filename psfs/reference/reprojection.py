@@ -1,4 +1,5 @@
-"""The NumPy twin of `psfs.voxels.reprojection.Reprojection`."""
+"""Reprojection of voxels, hidden pixels and distances to edges in NumPy. Twin of reprojection.cl,
+hidden.cl and distance.h."""
 
 from __future__ import annotations
 
@@ -8,8 +9,7 @@ import scipy
 from cl import Device, NumpyDevice
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.footprints import pixel_boxes, voxel_footprints
-from psfs.reference.edge_distance import proximity
-from psfs.reference.hidden import mark_hidden
+from psfs.silhouettes.hidden import UNKNOWN
 from psfs.voxels.foreground_join import BELOW, LEAST_PIXELS, MARK, SIDES
 from psfs.voxels.grid import VoxelGrid
 from psfs.voxels.host_voxels import HostVoxels
@@ -101,3 +101,30 @@ class NumpyReprojection:
         if self.rig.hidden is not None and voxels.evidence is not None:
             mark_hidden(maps, voxels.evidence)
         return maps
+
+
+def hide(evidence: np.ndarray, hidden: np.ndarray | None) -> np.ndarray:
+    """Return evidence (V, H, W) int8, `UNKNOWN` at hidden pixels (V, H, W) where it is not above
+    0."""
+    if hidden is None:
+        return evidence
+    return np.where(hidden & (evidence <= 0), np.int8(UNKNOWN), evidence)
+
+
+def mark_hidden(maps: np.ndarray, evidence: np.ndarray) -> None:
+    """Flip the lowest bit of the silhouettes, the first channel of maps (V, H, W, 2) uint8, where
+    the evidence (V, H, W) int8 is `UNKNOWN`."""
+    maps[..., 0] ^= (evidence == UNKNOWN).view(np.uint8)
+
+
+def proximity(edges: np.ndarray, table: np.ndarray, metric: str = "euclidean") -> np.ndarray:
+    """Return (h, w) uint8: the entry of `table` (reach^2 + 2,) at the squared distance, px^2, to
+    the nearest of `edges` (h, w) bool; the last entry beyond reach. metric: "euclidean", or
+    "chessboard" for the greater of |dx| and |dy|."""
+    if not edges.any():
+        return np.full(edges.shape, table[-1])
+    if metric == "chessboard":
+        squared = scipy.ndimage.distance_transform_cdt(~edges, "chessboard").astype(int) ** 2
+    else:
+        squared = np.rint(scipy.ndimage.distance_transform_edt(~edges) ** 2).astype(int)
+    return table[np.minimum(squared, len(table) - 1)]

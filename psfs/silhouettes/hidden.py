@@ -17,7 +17,7 @@ def hide_launch(device: Device, hidden: np.ndarray, evidence: Array) -> Launch:
     """Return the launch that sets the evidence (V, H, W) int8 to `UNKNOWN` at hidden (V, H, W) bool
     pixels where it is not above 0: a person before the furniture stays visible.
 
-    Kernel: hidden.cl; twin: `psfs.reference.hidden.hide`.
+    Kernel: hidden.cl; twin: `psfs.reference.reprojection.hide`.
     """
     kernel = device.kernel("reconstruction/hidden", "hide", LOT=_LOT, UNKNOWN=UNKNOWN)
     where = device.to_device(hidden.view(np.uint8), "the hidden pixels")

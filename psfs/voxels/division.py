@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from cl import Array, Device, InputError, Launch
-from cl.parts import Parts
+from cl.batch import Parts
 from cl.signature import Argument
 from cl.workgroups import pack_defines, size_defines
 from psfs.background.config import UNKNOWN

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cl import InputError
-from psfs.voxels.limits import VOXEL_EDGES
+from psfs.voxels.config import VOXEL_EDGES
 
 #: Greatest distance of the grid from the origin, m.
 _FARTHEST = 1e6

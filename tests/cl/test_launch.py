@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import gc
 import weakref
-from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
@@ -193,16 +192,6 @@ def test_arrays_of_other_numbers_are_refused(
         launch.set(scratch=arguments["counts"])
 
 
-def test_exact_numbers_of_other_kinds_are_taken(
-    device: Device, gather: Kernel, arguments: dict[str, Any]
-) -> None:
-    launch = launch_of(device, gather, **arguments)
-    launch.set(n=np.uint8(4), flag=np.bool_(False), scale=Fraction(1, 2), shift=np.arange(4))
-    launch()
-    found = arguments["out"].get()
-    np.testing.assert_array_equal(found[:4], [5, 23, 9, 0])
-
-
 def test_what_was_changed_is_released(
     device: Device, gather: Kernel, arguments: dict[str, Any]
 ) -> None:
@@ -254,22 +243,6 @@ def test_kernels_that_the_defines_leave_out_are_refused(device: Device) -> None:
     assert list(device.compile_kernel(source, "b", "some.cl", MORE=1).parameters) == ["n"]
     with pytest.raises(DeviceError, match=r"^kernel b of some.cl was not built with these defines"):
         device.compile_kernel(source, "b", "some.cl")
-
-
-def test_the_driver_reads_the_same(device: Device) -> None:
-    """Where the driver says what a kernel's arguments are called, they are the same."""
-    # NVIDIA's (580.159) writes a table of names that ptxas refuses for a kernel without any.
-    source = SOURCE.replace("kernel void nothing() {}", "")
-    assert source != SOURCE
-    built: Any = pyopencl.Program(device.context, source)
-    built = built.build(options=["-cl-std=CL1.2", "-cl-kernel-arg-info"])
-    kernel = pyopencl.Kernel(built, "gather")
-    info = pyopencl.kernel_arg_info
-    try:
-        read = [kernel.get_arg_info(i, info.NAME) for i in range(kernel.num_args)]
-    except pyopencl.Error:
-        pytest.skip(f"{device.name} keeps no names of arguments")
-    assert read == [parameter.name for parameter in signatures(SOURCE, "s")["gather"]]
 
 
 STRUCT = """

@@ -51,14 +51,6 @@ def test_the_name_is_that_of_the_library_that_pocl_chooses(
     assert pocl_wheel.fitting_target(features) == expected
 
 
-def test_the_libraries_are_those_of_the_wheel(wheel: Any) -> None:
-    """Each bitcode library names the processor that it was compiled for."""
-    package = pytest.importorskip("pocl_binary_distribution")
-    folder = Path(package.__file__).parent / ".libs" / "share" / "pocl"
-    files = sorted(path.name.rpartition("-")[2] for path in folder.glob("kernel-x86_64*.bc"))
-    assert len(files) == len(pocl_wheel.LIBRARIES) == 8
-
-
 def test_a_processor_that_the_compiler_does_not_know_is_mended(
     wheel: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -109,12 +101,3 @@ def test_without_a_linker_the_wheel_is_not_tried(
     monkeypatch.setattr(pocl_wheel.shutil, "which", lambda name: None)
     fault = cl.probe.probe(wheel).fault
     assert fault is not None and "linker" in fault
-
-
-def test_other_devices_are_not_written_to(wheel: Any) -> None:
-    class Other:
-        name, driver_version = "a GPU", "3.1"
-        platform = wheel.platform
-
-    with pytest.raises(ValueError, match="is not the device"):
-        pocl_wheel.set_target(Other(), "haswell")

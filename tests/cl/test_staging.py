@@ -9,8 +9,8 @@ import pytest
 from helpers.kinds import other_kind
 
 from cl import Device
-from cl.staging import Ahead, Download, Upload, Uploads, allocate_pinned
-from cl.workgroups import pack_defines, pack_size, pixel_pack, row_group
+from cl.staging import Ahead, Download, Upload, Uploads
+from cl.workgroups import pack_defines, pack_size, pixel_pack
 
 
 def test_uploads_arrive_in_order_and_only_when_asked_for(device: Device) -> None:
@@ -48,19 +48,6 @@ def test_small_uploads_leave_the_rest_and_downloads_the_one_before(device: Devic
         np.testing.assert_array_equal(before(), expected.reshape(2, 3))
         expected[:n], before = value, now
     np.testing.assert_array_equal(before(), expected.reshape(2, 3))
-
-
-def test_pinned_memory_is_an_array_like_others(device: Device) -> None:
-    host = allocate_pinned(device, (4, 6), np.float32)
-    host[...] = np.arange(24).reshape(4, 6)
-    assert host.shape == (4, 6) and host.dtype == np.float32
-    np.testing.assert_array_equal(device.to_device(host).get(), np.arange(24).reshape(4, 6))
-
-
-def test_row_groups_fit(device: Device) -> None:
-    x, y, z = row_group(device)
-    assert x * y * z <= device.handle.max_work_group_size
-    assert z == 1 and (y == 1 or device.is_gpu)
 
 
 def test_packs_cover_particles(device: Device) -> None:

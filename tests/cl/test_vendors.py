@@ -56,15 +56,3 @@ def test_a_user_s_own_folder_of_drivers_is_left_alone(
     monkeypatch.setenv("OCL_ICD_VENDORS", "/mine")
     register_packaged_drivers()
     assert os.environ["OCL_ICD_VENDORS"] == "/mine"
-
-
-def test_the_extra_is_found_by_its_files() -> None:
-    pytest.importorskip("importlib.metadata")
-    try:
-        from importlib.metadata import distribution
-
-        distribution("intel-opencl-rt")
-    except ModuleNotFoundError:
-        pytest.skip("the extra intel is not installed")
-    library = intel_library()
-    assert library is not None and library.is_file()

@@ -12,8 +12,7 @@ from apf.image_objective.config import FeatureConfig
 from apf.image_objective.features import CELL, CELL_PIXELS, canny_edges, edge_pictures
 from cl import NumpyDevice
 from psfs.cameras.camera import CameraRig
-from psfs.reference.edge_distance import proximity
-from psfs.reference.reprojection import boundary
+from psfs.reference.reprojection import boundary, proximity
 from psfs.reference.silhouette import mask_evidence, silhouette_evidence
 from psfs.sequence import frame_input
 from psfs.silhouettes.config import SilhouetteConfig

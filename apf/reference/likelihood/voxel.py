@@ -11,12 +11,12 @@ import numpy as np
 from apf.body.cones import overlap_errors, project_outlines
 from apf.body.kinematics import bone_matrices, posed_cones
 from apf.body.model import BodyModel
+from apf.body.spheres import body_spheres
 from apf.likelihood.config import LikelihoodConfig
 from apf.likelihood.term import SharedTwin, TermTwin
 from apf.likelihood.terms import TERMS
 from apf.likelihood.voxel import SURFACE_SCALE, choose_cone_sampling, make_sample_rows
 from apf.reference.likelihood.base import NumpyLikelihood
-from apf.reference.likelihood.silhouette_recall import uncovered_errors
 from apf.scene import Scene
 from cl import NumpyDevice
 from psfs.cameras.camera import Camera, CameraRig
@@ -226,3 +226,47 @@ class NumpyVoxelLikelihood(NumpyLikelihood):
         seen = FrameEvidence(self._maps, self.points)
         errors = total_errors(self.rig, cones, seen, self._sampling, (), config)
         return float(errors[0]) / len(self.rig)
+
+
+def expect_spheres(
+    body: BodyModel, newest: np.ndarray, before: np.ndarray, ahead: float
+) -> np.ndarray:
+    """Return spheres (K, 4), centres and radii, m, along the cones of `body` in the pose `newest`
+    (D,), moved `ahead` times as they moved since the pose `before` (D,)."""
+    here, there = body_spheres(body, newest), body_spheres(body, before)
+    return here + ahead * (here - there)
+
+
+def uncrop(part: np.ndarray, corner: tuple[int, int], shape: tuple[int, int]) -> np.ndarray:
+    """Return the picture (H, W, ..) of `shape` = (H, W) whose crop `part` (h, w, ..) begins at
+    `corner`, row and column; repeat the crop's border outside."""
+    rows, columns = (
+        np.clip(np.arange(size) - first, 0, kept - 1)
+        for size, first, kept in zip(shape, corner, part.shape[:2], strict=True)
+    )
+    return part[rows[:, None], columns]
+
+
+def uncovered_errors(rig: CameraRig, cones: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Return (N,) the share of the silhouettes that the body leaves uncovered, by its cones.
+
+    The mean over the cameras of the share of points (K, 3) m in their pictures that lie in no
+    trapezoid of cones (N, C, 16); cameras that see no point are left out, 1 if none sees any.
+    """
+    shares = []
+    for camera in rig:
+        seen = camera.project(points[camera.look_up(points)[0]])[0]
+        if len(seen):
+            corners = project_outlines(camera, cones)
+            shares.append([1 - find_covered(one, seen).mean() for one in corners])
+    return np.mean(shares, axis=0) if shares else np.ones(len(cones))
+
+
+def find_covered(corners: np.ndarray, pixels: np.ndarray) -> np.ndarray:
+    """Return (K,) whether pixels (K, 2) lie in any of the trapezoids (C, 4, 2); one with NaN
+    corners holds none."""
+    edges = np.roll(corners, -1, axis=1) - corners
+    away = pixels[:, None, None] - corners  # (K, C, 4, 2)
+    side = edges[..., 0] * away[..., 1] - edges[..., 1] * away[..., 0]
+    inside = (side > 0).all(-1) | (side < 0).all(-1)
+    return inside.any(-1)

@@ -1,6 +1,6 @@
 // Exact squared Euclidean distance to the nearest edge (Saito & Toriwaki 1994), tile by tile: along
 // the columns, up and down, then the least of gap^2 + dx^2 along the rows. Counterpart:
-// psfs/common/edge_distance.py; twin: psfs/reference/edge_distance.py.
+// psfs/common/edge_distance.py; twin: psfs/reference/reprojection.py.
 // Where CHESSBOARD is defined as 1, instead the chessboard distance, the greater of |dx| and |dy|.
 // Defines: MOST_REACH; TILE columns and TILE_ROWS rows of a tile; LOT, 1 or 16; GROUP. REACH, px,
 // beyond which all distances are as one, is an argument, for GPUs a define as well, see sizes.h.

@@ -1,5 +1,5 @@
 // Whole pictures from one part of each that was kept; beside it they go on as at its rim. Twin:
-// apf/reference/kept_voxels.py.
+// apf/reference/likelihood/voxel.py.
 // Defines: CHANNELS, bytes of a pixel, 1 or 3; LANES, items of a row, a work-group.
 #if !defined(CHANNELS) || !defined(LANES)
 #error "common/uncrop.cl needs CHANNELS and LANES"

@@ -1,5 +1,5 @@
 // The location prior of the silhouettes by a tracked body, and which cells show which of its parts
-// (psfs/voxels/body_location.py); twin: body_location in psfs/reference/body_prior.py. Cells are CELL x CELL pixels.
+// (psfs/voxels/body_prior.py); twin: body_location in psfs/reference/body_prior.py. Cells are CELL x CELL pixels.
 // Defines: CELL.
 #if !defined(CELL)
 #error "reconstruction/body_location.cl needs CELL"

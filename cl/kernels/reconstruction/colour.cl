@@ -1,5 +1,5 @@
 // Colours of the surface voxels from the pictures of the cameras that see them (Song et al. 3.3);
-// twin: psfs/reference/colour.py. Define: TOLERANCE in voxels.
+// twin: psfs/reference/surface.py. Define: TOLERANCE in voxels.
 #if !defined(CAMERA_FLOATS) || !defined(TOLERANCE)
 #error "reconstruction/colour.cl needs CAMERA_FLOATS and TOLERANCE"
 #endif

@@ -1,4 +1,4 @@
-// Pixels where furniture hides what is behind it; twin: reference/hidden.py. An item has LOT pixels,
+// Pixels where furniture hides what is behind it; twin: reference/reprojection.py. An item has LOT pixels,
 // of which most lots are left at once.
 // Defines: LOT, 16; UNKNOWN, the evidence count of a pixel that says nothing.
 #if !defined(LOT) || !defined(UNKNOWN)

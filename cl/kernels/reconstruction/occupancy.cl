@@ -1,4 +1,4 @@
-// Voxel occupancy, Song et al. eq. (3)-(9), brick by brick; twin: psfs/reference/occupancy.py.
+// Voxel occupancy, Song et al. eq. (3)-(9), brick by brick; twin: psfs/reference/surface.py.
 // Defines: CAMERA_ROOM, most cameras; FACES (see smoothing.h), UNKNOWN (see hidden.cl); BX BY BZ
 // voxels of a brick, CX CY CZ bricks of a coarse one; LANES items per work-group, LANES_Z of them
 // along z; NO_DISTORTION if no camera has any; HALO: 0 for dense, 1 for sparse; BODY: whether a

@@ -1,5 +1,5 @@
 // Reading the probability of a sparse grid, see occupancy.cl: the pool holds that of the voxels of
-// the listed bricks. Twin: psfs/reference/occupancy.py. Defines: BX BY BZ, voxels of a brick.
+// the listed bricks. Twin: psfs/reference/surface.py. Defines: BX BY BZ, voxels of a brick.
 #if !defined(BX) || !defined(BY) || !defined(BZ)
 #error "reconstruction/pool.cl needs BX, BY and BZ"
 #endif

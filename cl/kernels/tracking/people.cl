@@ -1,4 +1,4 @@
-// Where several people are expected. Twin: apf/reference/people.py. Defines: PEOPLE, N_CONES of a
+// Where several people are expected. Twin: apf/reference/likelihood/voxel.py. Defines: PEOPLE, N_CONES of a
 // body, CONE_FLOATS, STEP of a person's cones in a frame, ALONG spheres on a cone.
 #if !defined(ALONG) || !defined(CONE_FLOATS) || !defined(N_CONES) || !defined(PEOPLE) || \
     !defined(STEP)

@@ -1,5 +1,5 @@
 // How much of what the cameras see of the surface voxels the body covers; twin:
-// reference/likelihood/silhouette_recall.py. Defines: GROUP and that of pack.h, whose packs are of
+// reference/likelihood/voxel.py. Defines: GROUP and that of pack.h, whose packs are of
 // samples here; VIEWS, the cameras that a work-group looks at together, which divides GROUP;
 // N_CONES.
 #if !defined(CAMERA_FLOATS) || !defined(CONE_FLOATS) || !defined(FAR_OUT) || !defined(GROUP) || \

@@ -23,7 +23,7 @@ from apf.reference.image_objective.render import flat_body
 from apf.scene import Scene
 from cl import Device
 from psfs.cameras.camera import CameraRig
-from psfs.reference.edge_distance import proximity
+from psfs.reference.reprojection import proximity
 
 NAMES = ("rymut31", "rymut31_upper", "rymut31_lower")
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -28,10 +29,9 @@ def test_devices_are_compared_with_one_core(
     monkeypatch.setattr(timings, "column", lambda place, *_: made("gpu", None, 2.0))
     times = {"on_cpu": made("cpu", 1, 100.0), "on_numpy": made("numpy", 1, 8000.0)}
     monkeypatch.setattr(timings, "apart", lambda environ, work, *_: times[work.__name__])
-    monkeypatch.setattr(
-        timings, "places", lambda: [type("Place", (), {"label": "GPU", "cores": 2})()]
-    )
-    monkeypatch.setattr(timings, "cpu_place", lambda: type("Place", (), {"label": "CPU"})())
+    place = SimpleNamespace(label="GPU, 2 cores", cores=2)
+    monkeypatch.setattr(timings, "places", lambda: [place])
+    monkeypatch.setattr(timings, "cpu_place", lambda: place)
     out = tmp_path / "out"
     assert main(["timings", "-o", str(out)]) == 0
     rows = json.loads((out / "timings.json").read_text())["rows"]

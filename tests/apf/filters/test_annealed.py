@@ -69,18 +69,6 @@ def test_every_frame_draws_its_own_noise(device: Device, n_layers: int) -> None:
             tracker.step(world.voxels(frame))
 
 
-def test_frames_do_not_allocate(device: Device) -> None:
-    world = World(device)
-    config = FilterConfig.create(n_particles=37, n_layers=2)
-    tracker = AnnealedParticleFilter(world.scene(), config)
-    tracker.start(world.pose(0))
-    voxels = world.voxels(0)
-    tracker.step(voxels)
-    before = device.allocated
-    tracker.step(voxels)
-    assert device.allocated == before
-
-
 @pytest.mark.parametrize("kind", ["opencl", "numpy"])
 def test_the_last_change_is_expected_again(device: Device, kind: str) -> None:
     """Without noise and choice the pose coasts: all particles move by velocity times the change."""
@@ -173,17 +161,6 @@ def test_streams_give_what_steps_do(device: Device, kind: str) -> None:
         if wanted < 3:  # left, with the next search begun
             assert_equal(tracker.step(world.voxels(wanted + 1)), expected[wanted + 1])
     assert list(tracker.stream([])) == []
-
-
-def test_a_filter_started_again_forgets(device: Device) -> None:
-    world, config = World(device), FilterConfig.create(n_particles=37, n_layers=3)
-    tracker = AnnealedParticleFilter(world.scene(), config)
-    runs = []
-    for _ in range(2):
-        tracker.start(world.pose(0))
-        runs.append([tracker.step(world.voxels(frame)) for frame in range(3)])
-    for a, b in zip(*runs, strict=True):
-        assert_equal(a, b)
 
 
 @pytest.mark.parametrize(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from pydantic import ValidationError
 
 from apf.filters.config import FilterConfig, SearchConfig
 from apf.filters.term_weights import parse_weights
@@ -22,12 +21,6 @@ def test_schedules() -> None:
     )
     np.testing.assert_allclose(config.survival_rates, [0.6, 0.5, 0.4, 0.3, 0.2])
     np.testing.assert_allclose(config.layer_noise, [2, 1, 0.5, 0.25, 0.125])
-
-
-def test_one_layer_takes_the_first_values() -> None:
-    config = SearchConfig(n_layers=1, first_survival=0.3, noise=1.5)
-    np.testing.assert_array_equal(config.survival_rates, [0.3])
-    np.testing.assert_array_equal(config.layer_noise, [1.5])
 
 
 def test_weights_are_in_the_order_of_the_kernel() -> None:
@@ -69,19 +62,6 @@ def test_impossible_settings_are_refused_with_their_value(setting: str, value: f
     assert f"{value:.3g}" in message or str(value) in message
 
 
-def test_few_particles_need_a_milder_last_layer() -> None:
-    with pytest.raises(InputError, match="last_survival"):
-        FilterConfig.create(n_particles=10)
-    assert SearchConfig(n_particles=10, last_survival=0.2).n_particles == 10
-    assert SearchConfig(n_particles=2, first_survival=0.9, last_survival=0.6).n_particles == 2
-
-
-def test_settings_cannot_be_changed_behind_the_launches() -> None:
-    with pytest.raises(ValidationError):
-        FilterConfig().search.n_layers = 3  # type: ignore[misc]
-    assert FilterConfig.create(seed=2**64 - 1).search.seed == 2**64 - 1
-
-
 def test_terms_of_the_likelihood_by_name() -> None:
     default = LikelihoodConfig()
     song = of_terms("edge,silhouette").likelihood
@@ -112,12 +92,6 @@ def test_single_settings_find_their_parts() -> None:
     assert FilterConfig.create(**other.settings) == other
     with pytest.raises(TypeError, match="no setting of a filter: two_sided"):
         FilterConfig.create(two_sided=1.0)
-
-
-def test_deviations_grow_with_the_time_between_frames() -> None:
-    config, default = FilterConfig().scale_to_rate(20.0), FilterConfig()
-    assert config.search.noise == pytest.approx(3 * default.search.noise)
-    assert config.with_changes(noise=default.search.noise) == default
 
 
 @pytest.mark.parametrize("wrong", ["", "edge,colours", "edge=much", "edge:2"])

@@ -27,7 +27,7 @@ from apf.reference.filters.refinement import refine
 from apf.reference.likelihood.keypoints import NumpyKeypointLikelihood
 from apf.reference.likelihood.voxel import NumpyLikelihood, subset
 from apf.scene import Scene
-from cl import Array, Device, Launch
+from cl import Array, Device
 from psfs.common.cones import cone_distances
 
 CONFIG = FilterConfig.create(
@@ -219,27 +219,6 @@ def test_a_lost_arm_is_found(device: Device, monkeypatch: pytest.MonkeyPatch) ->
     assert miss(CONFIG) < 0.08
     monkeypatch.setattr(limb_search, "MARGINS", (1.0, 0.05))  # anywhere alone
     assert miss(CONFIG, 20) < 0.08
-
-
-def test_nothing_moves_where_nothing_is_gained(
-    device: Device, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """With margins that no limb can win, the mean is refined as if alone."""
-    body = load_body("song31")
-    likelihood = Nearness(device, body, on_cones(body, raised(body), CONFIG.likelihood.n_points))
-    monkeypatch.setattr(limb_search, "MARGINS", (1.0, 1.0))
-    stays = run_search(device, body, likelihood, body.rest_pose, CONFIG)[0]
-    alone = run_search(
-        device, body, likelihood, body.rest_pose, CONFIG.with_changes(limb_search_reach=0.0)
-    )[0]
-    np.testing.assert_allclose(stays, alone, atol=1e-6)
-
-
-def test_without_surface_points_nothing_is_searched(device: Device) -> None:
-    launches: list[Launch] = LimbSearch(device, load_body("song31"), Likelihood(), CONFIG).launcher(
-        device.zeros((1,), np.uint32), device.zeros((31,), np.float32)
-    )
-    assert launches == []
 
 
 def test_runs_are_searched_each_by_itself(device: Device) -> None:

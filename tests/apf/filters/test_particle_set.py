@@ -57,13 +57,6 @@ def test_beta_reaches_the_survival_rate(kind: str, rate: float) -> None:
     assert np.argmax(weights) == np.argmin(errors)  # the sign of Song et al. eq. (16)
 
 
-def test_beta_does_not_depend_on_a_common_error_and_scales_inversely() -> None:
-    errors = errors_of("spread", 100).astype(float)
-    beta = annealing_exponent(errors, 0.3)
-    assert annealing_exponent(errors + 700, 0.3) == pytest.approx(beta)
-    assert annealing_exponent(errors * 10, 0.3) == pytest.approx(beta / 10)
-
-
 def test_weights_where_no_exponent_reaches_the_rate() -> None:
     equal = errors_of("equal", 10)
     np.testing.assert_allclose(normalised_weights(equal, annealing_exponent(equal, 0.3)), 0.1)
@@ -159,19 +152,6 @@ def test_anneal_kernel_agrees_with_the_twin(device: Device, kind: str, n: int) -
     counts = np.bincount(parents, minlength=n)
     assert len(counts) == n and np.all(np.abs(counts - n * weights) < 1 + 1e-3)
     assert np.all(np.diff(parents) >= 0)
-
-
-def test_layers_have_their_own_rates_offsets_and_diagnostics(device: Device) -> None:
-    errors = errors_of("spread", 200)
-    layer = Layer(device, STICK, 200, first_survival=0.6, last_survival=0.1)
-    for index, rate in enumerate((0.6, 0.35, 0.1)):
-        _, parents, (ess, _, _) = layer.anneal(index, errors)
-        assert ess == pytest.approx(200 * rate, rel=1e-2)
-        again = layer.at_frame(1).anneal(index, errors)[1]
-        assert (parents != again).any()  # another frame, another offset
-        layer.at_frame(0)
-    diagnostics = layer.set.result.get()[2 * STICK.n_dof :].reshape(-1, 3)
-    np.testing.assert_allclose(diagnostics[:, 0], [120, 70, 20], rtol=1e-2)
 
 
 @pytest.mark.parity("tracking/annealing.diffuse")
@@ -312,12 +292,6 @@ def test_one_run_is_started_again_alone(device: Device) -> None:
         first, second, third = np.split(array.get(), 3)
         np.testing.assert_allclose(second, np.broadcast_to(expected, second.shape), rtol=1e-6)
         assert np.all(first == 7) and np.all(third == 7)
-
-
-def test_without_trunk_layers_all_spread_alike() -> None:
-    sigmas = layer_sigmas(SONG, SearchConfig(trunk_layers=0))
-    assert sigmas.shape == (10, 31)
-    np.testing.assert_array_equal(sigmas, np.broadcast_to(SONG.sigma, sigmas.shape))
 
 
 def test_the_trunk_goes_first() -> None:

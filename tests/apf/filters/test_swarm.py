@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers import bodies, scenes
+from helpers import scenes
 from helpers.parity import traced
 
 from apf.body.model import BodyModel
@@ -237,15 +237,6 @@ def test_the_swarms_factors(device: Device) -> None:
     np.testing.assert_allclose(found.pose, expected.pose, atol=0.02 * SONG.sigma.max())
 
 
-def test_another_body(device: Device) -> None:
-    body = bodies.named("stick")
-    tracker = ParticleSwarm(
-        scene_on(device, body), Distance(device, body, 33), config_of("pso", 33)
-    )
-    tracker.start(body.rest_pose)
-    assert tracker.step(body.rest_pose).pose.shape == (5,)
-
-
 def test_bad_settings() -> None:
     for wrong in ({"inertia": 1.0}, {"social": -1.0}, {"cognitive": np.inf}):
         with pytest.raises(InputError, match="expected"):
@@ -254,16 +245,3 @@ def test_bad_settings() -> None:
         SirConfig(sigma_z=-1)
     with pytest.raises(InputError, match="expected 1"):
         NumpySirParticleFilter(scene_on(NumpyDevice()), None, FilterConfig.create(n_layers=2))
-
-
-def test_widened_it_spreads_further(device: Device) -> None:
-    tracker = ParticleSwarm(
-        scene_on(device), Distance(device, SONG, 65), config_of("pso", n_layers=1)
-    )
-    deviations = []
-    for factor in (1.0, 4.0):
-        tracker.widen(factor)
-        tracker.start(SONG.rest_pose)
-        deviations.append(tracker.step(SONG.rest_pose).deviation)
-    free = np.isinf(SONG.lower)
-    assert np.all(deviations[1][free] > 2 * deviations[0][free])

@@ -12,7 +12,7 @@ from apf.image_objective.features import Features, distance_launch
 from apf.reference.image_objective.features import NumpyFeatures, region, sobel_edges
 from cl import Device, InputError, NumpyDevice
 from psfs.background.gaussian import Background
-from psfs.reference.edge_distance import proximity
+from psfs.reference.reprojection import proximity
 
 #: Pictures as narrow as the tests' would shrink all lengths to a pixel.
 WIDE = {"dilation": 20, "margin": 40}

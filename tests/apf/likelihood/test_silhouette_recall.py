@@ -13,8 +13,7 @@ from apf.body.cones import project_outlines
 from apf.body.kinematics import posed_cones
 from apf.body.toml import load_body
 from apf.likelihood import silhouette_recall
-from apf.reference.likelihood.silhouette_recall import find_covered, uncovered_errors
-from apf.reference.likelihood.voxel import sampled_surface
+from apf.reference.likelihood.voxel import find_covered, sampled_surface, uncovered_errors
 from cl import Device
 from psfs.voxels.grid import VoxelGrid
 

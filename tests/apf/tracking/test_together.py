@@ -11,7 +11,7 @@ from apf.backend import make_device_tracker
 from apf.body.spheres import count_spheres
 from apf.body.toml import load_body
 from apf.filters.method import Method
-from apf.reference.people import expect_spheres
+from apf.reference.likelihood.voxel import expect_spheres
 from apf.tracking.together import SLOTS, ExpectedBodies, PeopleTracker
 from cl import Device, InputError
 

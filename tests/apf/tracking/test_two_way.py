@@ -20,7 +20,7 @@ from apf.body.toml import load_body
 from apf.filters.base import Estimate
 from apf.filters.method import Method
 from apf.initialisation.kept_voxels import RestoredVoxels, crop_voxels
-from apf.reference.kept_voxels import uncrop
+from apf.reference.likelihood.voxel import uncrop
 from apf.scene import Scene
 from apf.tracking import two_way
 from apf.tracking.limb_confidence import LEAST_DISTANCE, SAME_PLACE

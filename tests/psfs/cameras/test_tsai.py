@@ -14,10 +14,9 @@ from cl import Device, InputError
 from psfs.cameras.calibration import read_calibration
 from psfs.cameras.calibration.toml_tables import write_toml_tables
 from psfs.cameras.camera import CameraRig
-from psfs.reference.occupancy import occupancy
-from psfs.voxels.bricks import Bricks
+from psfs.reference.surface import occupancy
+from psfs.voxels.bricks import Bricks, Occupancy
 from psfs.voxels.config import OccupancyConfig
-from psfs.voxels.occupancy import Occupancy
 
 SIZE = (644, 488)
 #: mm and radians: an analog camera, whose pixels are wider than high, that sees 60 degrees.

@@ -9,8 +9,7 @@ import trimesh
 from helpers import scenes
 
 from psfs.cameras.camera import Camera
-from psfs.mesh.preview import draw_shaded_mesh
-from psfs.mesh.raycast import RayScene
+from psfs.mesh.preview import RayScene, draw_shaded_mesh
 
 CENTRE, RADIUS = np.array([0.1, -0.2, 0.9]), 0.4
 

@@ -12,13 +12,11 @@ from cl import Device, InputError, NumpyDevice
 from psfs.backend import make_reconstructor
 from psfs.cameras.camera import CameraRig
 from psfs.reconstructor import Reconstructor
-from psfs.reference.hidden import hide, mark_hidden
-from psfs.reference.occupancy import occupancy
-from psfs.reference.reprojection import NumpyReprojection
+from psfs.reference.reprojection import NumpyReprojection, hide, mark_hidden
+from psfs.reference.surface import occupancy
 from psfs.silhouettes.hidden import UNKNOWN, hide_launch
-from psfs.voxels.bricks import Bricks
+from psfs.voxels.bricks import Bricks, Occupancy
 from psfs.voxels.config import OccupancyConfig
-from psfs.voxels.occupancy import Occupancy
 from psfs.voxels.reprojection import Reprojection
 
 RIG = scenes.ring(5)

@@ -15,16 +15,13 @@ from psfs.cameras.cells import CELL, cell_rays
 from psfs.common.cones import cone_distances, largest_slopes, ray_cone_distances
 from psfs.diagnostics.body_agreement import check_body, share_on_silhouettes
 from psfs.reference.body_prior import body_evidence, body_location
-from psfs.reference.occupancy import occupancy
-from psfs.reference.surface import smooth
+from psfs.reference.surface import occupancy, smooth
 from psfs.sequence import Frame
 from psfs.silhouettes.appearance import ForegroundPrior
-from psfs.voxels.body_location import BodyLocation
-from psfs.voxels.body_prior import BESIDE, INSIDE, TrackedBody, pack_body
-from psfs.voxels.bricks import Bricks
+from psfs.voxels.body_prior import BESIDE, INSIDE, BodyLocation, TrackedBody, pack_body
+from psfs.voxels.bricks import Bricks, Occupancy
 from psfs.voxels.config import OccupancyConfig, ReconstructionConfig
 from psfs.voxels.grid import VoxelCloud, VoxelGrid
-from psfs.voxels.occupancy import Occupancy
 from psfs.voxels.sparse import SparseSurface
 from psfs.voxels.surface import Surface
 

@@ -15,6 +15,7 @@ from psfs.common.open3d import load_open3d
 from psfs.reference.surface import surface_voxels
 from psfs.voxels.clouds import (
     coarsen,
+    estimate_normals,
     label_connected_parts,
     read_cloud,
     remove_debris,
@@ -22,7 +23,6 @@ from psfs.voxels.clouds import (
     write_ply,
 )
 from psfs.voxels.grid import VoxelCloud, VoxelGrid
-from psfs.voxels.normals import estimate_normals
 
 
 def a_cloud(colour: bool = False, speck: bool = False) -> VoxelCloud:

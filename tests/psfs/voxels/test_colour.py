@@ -15,8 +15,8 @@ from cl import Device, InputError, NumpyDevice
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.footprints import pixel_boxes, voxel_footprints
 from psfs.reconstructor import Reconstructor
-from psfs.reference.colour import nearest_depth, surface_colour
 from psfs.reference.reconstructor import NumpyReconstructor, frame_evidence
+from psfs.reference.surface import nearest_depth, surface_colour
 from psfs.sequence import Frame, Sequence
 from psfs.voxels.grid import VoxelCloud, VoxelGrid
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from psfs.reference.surface import surface_voxels
+from psfs.voxels.clouds import estimate_normals
 from psfs.voxels.grid import VoxelCloud, VoxelGrid
-from psfs.voxels.normals import estimate_normals
 
 GRID = VoxelGrid(np.full(3, -0.5), 0.02, (50, 50, 50))
 

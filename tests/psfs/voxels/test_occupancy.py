@@ -8,11 +8,10 @@ from helpers import scenes
 
 from cl import Device, DeviceError, InputError
 from psfs.cameras.camera import CameraRig
-from psfs.reference.occupancy import occupancy
-from psfs.voxels.bricks import Bricks
+from psfs.reference.surface import occupancy
+from psfs.voxels.bricks import Bricks, Occupancy
 from psfs.voxels.config import OccupancyConfig
 from psfs.voxels.grid import VoxelGrid
-from psfs.voxels.occupancy import Occupancy
 
 STEP = 0.05
 

@@ -10,8 +10,7 @@ from scipy import ndimage
 from cl import Device, NumpyDevice
 from psfs.cameras.footprints import voxel_footprints
 from psfs.reconstructor import Reconstructor
-from psfs.reference.edge_distance import proximity
-from psfs.reference.reprojection import NumpyReprojection, boundary, splat
+from psfs.reference.reprojection import NumpyReprojection, boundary, proximity, splat
 from psfs.voxels.grid import VoxelGrid
 from psfs.voxels.host_voxels import HostVoxels, surface_indices, voxel_silhouette
 from psfs.voxels.reprojection import Reprojection, edge_reach, proximity_table

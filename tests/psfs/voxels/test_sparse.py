@@ -13,13 +13,11 @@ from cl import Device, NumpyDevice
 from psfs.backend import make_reconstructor
 from psfs.cameras.camera import CameraRig
 from psfs.reconstructor import ReconstructionConfig, Reconstructor
-from psfs.reference.occupancy import occupancy
-from psfs.reference.surface import smooth, surface_voxels
+from psfs.reference.surface import occupancy, smooth, surface_voxels
 from psfs.voxels import sparse
-from psfs.voxels.bricks import Bricks, lens_reach
+from psfs.voxels.bricks import Bricks, Occupancy, lens_reach
 from psfs.voxels.config import OccupancyConfig
 from psfs.voxels.grid import VoxelGrid
-from psfs.voxels.occupancy import Occupancy
 from psfs.voxels.sparse import SparseSurface
 from psfs.voxels.surface import Surface
 
