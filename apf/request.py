@@ -31,12 +31,12 @@ from apf.tracking.config import (
 from cl import InputError
 from psfs import request as of_psfs
 from psfs.common.config import Config, field_choices, part
-from psfs.common.presets import Presets
 from psfs.common.requests import (
     Flag,
     Group,
     Option,
     Part,
+    Presets,
     Request,
     Stated,
     list_options,

@@ -11,9 +11,8 @@ from psfs.calibration.config import CalibrationConfig
 from psfs.calibration.targets.dictionaries import DICTIONARIES
 from psfs.common.config import part
 from psfs.common.files import resolve_path
-from psfs.common.presets import Presets
 from psfs.common.ranges import check_number
-from psfs.common.requests import Flag, Group, Part, Request
+from psfs.common.requests import Flag, Group, Part, Presets, Request
 from psfs.diagnostics.definitions import DEFINITION
 from psfs.footage.folder import check_folder
 from psfs.footage.settings import SequenceSettings, join_delays, split_delays

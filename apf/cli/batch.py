@@ -3,10 +3,10 @@ workers."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from contextlib import ExitStack, closing
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from apf.cli.batch_chunks import PARTS, plan_take
 from apf.cli.batch_report import BatchReport
@@ -26,11 +26,11 @@ from apf.takes.job import take_names
 from apf.takes.track import check_request
 from cl import InputError
 from psfs.cli.commandline import warn
-from psfs.cli.program import parse_stated
 from psfs.common.files import resolve_path
 from psfs.common.names import check_name
 from psfs.common.outputs import MANIFEST, output_folder
 from psfs.common.ranges import check_number
+from psfs.common.requests import Stated, read_config, read_flags
 from psfs.common.toml import read_toml
 
 #: Names in OUT that are reserved: no take may have them.
@@ -39,12 +39,12 @@ _TAKEN = (LOGS, PARTS, *FILES, MANIFEST)
 
 @dataclass(frozen=True)
 class ListedTake:
-    """A take as requested: its folder, its name if one was given, its own settings as words of a
-    command line, and their source, for errors."""
+    """A take as requested: its folder, its name if one was given, what it states itself, and
+    where, for errors."""
 
     source: Path
     name: str | None = None
-    words: tuple[str, ...] = ()
+    stated: Stated = field(default_factory=Stated)
     where: str = "apf batch"
 
 
@@ -107,9 +107,8 @@ def make_request(batch: BatchRequest, take: ListedTake, out: Path) -> TrackReque
     Raises InputError that names the place of an invalid flag."""
     where = take.where
     try:
-        words = [str(take.source), f"--output={out}", *take.words]
-        stated = parse_stated(TrackRequest, words).over(batch.stated)
-        request = TrackRequest.from_stated(stated.only(TrackRequest))
+        own = Stated({"folders": (take.source,), "output": out}).over(take.stated)
+        request = TrackRequest.from_stated(own.over(batch.stated).only(TrackRequest))
         if request.triangulate:
             raise InputError(f"{TRIANGULATE} has no body; expected apf track for it")
         if batch.part_frames is not None:
@@ -155,16 +154,12 @@ def _read_list(path: Path) -> list[ListedTake]:
         folder, name = flags.pop("folder", None), flags.pop("name", None)
         if not isinstance(folder, str) or not isinstance(name, str | None):
             raise InputError(f"{where}: folder = {folder!r}, name = {name!r}; expected text")
-        if "help" in flags:
-            raise InputError(f"{where}: found help; expected settings of a take")
-        beyond = [f for f in ("output", "quiet", "verbose", "log-file") if f in flags]
-        if beyond:
-            raise InputError(
-                f"{where}: --{', --'.join(beyond)} applies only to the whole batch; expected "
-                "settings of a take"
-            )
-        source = resolve_path(path.parent / folder)
-        listed.append(ListedTake(source, name, _words(flags, path.parent, where), where))
+        values = {flag: _resolve(value, path.parent) for flag, value in flags.items()}
+        config = values.pop("config", None)
+        own = Stated(read_flags(where, TrackRequest, values))
+        if config is not None:
+            own = own.over(read_config(TrackRequest, Path(config)))
+        listed.append(ListedTake(resolve_path(path.parent / folder), name, own, where))
     return listed
 
 
@@ -172,20 +167,12 @@ def _tables(value: object) -> bool:
     return isinstance(value, list) and bool(value) and all(isinstance(v, dict) for v in value)
 
 
-def _words(flags: Mapping[str, object], folder: Path, where: str) -> tuple[str, ...]:
-    """Convert settings to flags: `{"height": 1.8}` to `--height=1.8`, `{"all-cameras": true}` to
-    `--all-cameras`. Paths are relative to the list's `folder`."""
-    words: list[str] = []
-    for name, value in flags.items():
-        if isinstance(value, list):
-            value = ",".join(map(str, value))
-        if isinstance(value, bool):
-            words += [f"--{name}"] * value
-        elif isinstance(value, str) and ("/" in value or "." in value):
-            named = resolve_path(folder / value)
-            words.append(f"--{name}={named if named.exists() else value}")
-        elif isinstance(value, str | int | float):
-            words.append(f"--{name}={value}")
-        else:
-            raise InputError(f"{where}: {name} = {value!r}; expected text, a number or true")
-    return tuple(words)
+def _resolve(value: Any, folder: Path) -> Any:
+    """Return a setting of a list that lies in `folder`: paths are relative to it, and a list is
+    what a flag writes with commas."""
+    if isinstance(value, list):
+        return ",".join(map(str, value))
+    if isinstance(value, str) and ("/" in value or "." in value):
+        named = resolve_path(folder / value)
+        return str(named) if named.exists() else value
+    return value

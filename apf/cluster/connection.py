@@ -18,7 +18,7 @@ from apf.cluster.workers import set_up_worker
 from cl import InputError
 from psfs.common.files import read_json
 from psfs.common.schema import Table, parse_values
-from psfs.common.versions import versions
+from psfs.common.system import versions
 
 
 class _SchedulerFile(Table):

@@ -12,7 +12,7 @@ from pathlib import Path
 from cl import InputError
 from psfs.common.files import read_json, write_json
 from psfs.common.reading import open_input, parsing
-from psfs.common.versions import versions
+from psfs.common.system import versions
 
 RECORD = "take.json"
 #: Of a file: size, bytes; time of change, ns; SHA-256.

@@ -19,8 +19,7 @@ import numpy as np
 from apf.formats.trc import CONVENTIONS, JointSeries
 from cl import InputError
 from psfs.common.c3d import read_c3d_points
-from psfs.common.files import write_atomically
-from psfs.common.scratch import temporary_folder
+from psfs.common.files import temporary_folder, write_atomically
 
 #: The format's header counts frames in 16 bits; ezc3d drops those that follow.
 _MOST_FRAMES = 65535

@@ -7,7 +7,7 @@ from typing import Any
 
 from apf.filters.method import Method
 from psfs.common.config import Config, part, setting
-from psfs.common.presets import find_presets, read_preset
+from psfs.common.requests import find_presets, read_preset
 from psfs.presets import PRESETS as OF_RECONSTRUCTION
 from psfs.voxels.config import ReconstructionConfig
 

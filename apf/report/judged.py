@@ -24,7 +24,7 @@ from apf.report.summary import SUMMARY, body_facts, read_tracked_grid
 from apf.tracking.track import Track
 from cl import Device, NumpyDevice
 from psfs.common.files import read_text, write_json
-from psfs.common.versions import versions
+from psfs.common.system import versions
 from psfs.output.reconstruction_folder import device_facts
 from psfs.session import Session
 from psfs.voxels.config import ReconstructionConfig

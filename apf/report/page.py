@@ -23,9 +23,8 @@ from apf.report.quality import DOUBTFUL, Quality
 from apf.tracking.people import PeopleTracks, person_folder
 from apf.tracking.track import Track, spans
 from cl import InputError
-from psfs.common.files import open_text
+from psfs.common.files import open_text, temporary_folder
 from psfs.common.numbers import json_number
-from psfs.common.scratch import temporary_folder
 from psfs.output.video import write_video
 from psfs.page.clouds import choose_block_width, merge_voxels
 from psfs.page.colours import CONFIDENCE, colour_voxels

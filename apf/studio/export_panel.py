@@ -11,7 +11,7 @@ from apf.studio.watch import TrackWatch
 from apf.tracking.smoothing import smooth_track
 from apf.tracking.track import Track
 from cl import UserError
-from psfs.common.scratch import temporary_folder
+from psfs.common.files import temporary_folder
 from psfs.page.server import read_choice
 from psfs.page.words import make_text
 

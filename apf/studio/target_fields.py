@@ -14,7 +14,7 @@ from psfs.calibration.targets.boards import CharucoFinder, ChessboardFinder
 from psfs.calibration.targets.detection import Finder
 from psfs.calibration.targets.markers import MarkerFinder
 from psfs.calibration.targets.target import make_wand
-from psfs.common.scratch import temporary_folder
+from psfs.common.files import temporary_folder
 from psfs.page.server import read_choice
 from psfs.page.words import make_text
 

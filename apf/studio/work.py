@@ -15,8 +15,8 @@ import tomli_w
 from apf.tracking.track import PARTS, Track
 from cl import InputError, UserError
 from cl.probe import module_command
+from psfs.common.files import temporary_folder
 from psfs.common.requests import Request, list_options
-from psfs.common.scratch import temporary_folder
 from psfs.page.words import REFRESH
 
 #: Characters of progress bars and tables, which the page has in its own way.

@@ -45,7 +45,7 @@ from psfs.common.files import write_json
 from psfs.common.outputs import output_folder
 from psfs.common.ranges import check_number
 from psfs.common.requests import SETTINGS, write_settings
-from psfs.common.versions import versions
+from psfs.common.system import versions
 from psfs.request import CALIBRATION, PICTURES, REPORT, RIG, CalibrateRequest
 from psfs.sequence import Sequence
 

@@ -24,7 +24,7 @@ from psfs.common.files import write_json
 from psfs.common.progress import map_in_threads
 from psfs.common.ranges import check_number
 from psfs.common.requests import write_settings
-from psfs.common.versions import versions
+from psfs.common.system import versions
 from psfs.diagnostics.small_views import Outline
 from psfs.footage.layouts.uncalibrated import LAYOUT, read_uncalibrated
 from psfs.footage.media import IMAGE_SUFFIXES, VIDEO_SUFFIXES, list_media

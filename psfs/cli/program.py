@@ -13,8 +13,8 @@ import tempfile
 import threading
 import time
 import traceback
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
 from types import FrameType
@@ -23,13 +23,13 @@ from typing import TYPE_CHECKING, Any, NoReturn
 from cl import InputError, UserError
 from psfs.cli.commandline import add_message_flags, has_log, log_line, messages
 from psfs.common.names import escape_unprintable
-from psfs.common.single_files import guard_files
+from psfs.common.outputs import guard_files
 from psfs.common.system import (
     handle_signals,
     import_nothing_from_current_folder,
     memory_limit,
+    versions,
 )
-from psfs.common.versions import versions
 
 if TYPE_CHECKING:
     from psfs.common.requests import Option, Request, Stated
@@ -270,15 +270,7 @@ def parse_stated(kind: type[Request], words: Sequence[str]) -> Stated:
 def find_stated(kind: type[Request], args: argparse.Namespace) -> Stated:
     """Return what parsed words and the file of --config state. Raises InputError that names the
     file."""
-    from psfs.common.requests import (
-        Stated,
-        list_options,
-        list_tables,
-        read_flags,
-        split_tables,
-        without_excluded,
-    )
-    from psfs.common.toml import read_toml
+    from psfs.common.requests import Stated, list_options, read_config, without_excluded
 
     given = vars(args)
     dests = [option.dest for option in list_options(kind)]
@@ -286,17 +278,8 @@ def find_stated(kind: type[Request], args: argparse.Namespace) -> Stated:
     file: Path | None = given.get("config")
     if file is None:
         return Stated(values)
-    flags, tables = split_tables(read_toml(file))
-    values = {**without_excluded(kind, read_flags(file, kind, flags), values), **values}
-    _check_tables(file, tables, list_tables(kind).values())
-    return Stated(values, tables, file)
-
-
-def _check_tables(file: Path, tables: Mapping[str, Any], known: Any) -> None:
-    for name in tables:
-        if name not in known:
-            expected = ", ".join(f"[{table}]" for table in known) or "no table"
-            raise InputError(f"{file}: has a table [{name}]; expected {expected}")
+    config = read_config(kind, file)
+    return replace(config, values={**without_excluded(kind, config.values, values), **values})
 
 
 def run_command(parser: argparse.ArgumentParser, argv: Sequence[str] | None = None) -> int:

@@ -16,7 +16,7 @@ from psfs.cli.commandline import progress_bar, stdout, warn
 from psfs.common.files import write_json, write_picture
 from psfs.common.outputs import OutputFolder, output_folder
 from psfs.common.requests import SETTINGS, write_settings
-from psfs.common.versions import versions
+from psfs.common.system import versions
 from psfs.diagnostics.reprojection_iou import (
     describe_cut_silhouettes,
     share_beyond_volume,

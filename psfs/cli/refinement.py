@@ -14,7 +14,7 @@ from psfs.cameras.camera import CameraRig
 from psfs.cli.commandline import stdout
 from psfs.common.files import write_json
 from psfs.common.requests import write_settings
-from psfs.common.versions import versions
+from psfs.common.system import versions
 from psfs.diagnostics.alignment import Alignment, align_views, larger_views
 from psfs.diagnostics.config import AlignmentConfig
 from psfs.diagnostics.examination import synchronise

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from cl import InputError
+from psfs.common.files import temporary_folder
 from psfs.common.numbers import METRES, drop_origin
 from psfs.common.reading import open_input, parsing
-from psfs.common.scratch import temporary_folder
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,15 +5,18 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+from tempfile import TemporaryDirectory, gettempdir
 from typing import TYPE_CHECKING, Any, TextIO
+from xml.etree import ElementTree
 
 from cl import InputError
-from psfs.common.outputs import claim, temporary_name
+from psfs.common.outputs import check_file, claim, remember_file, temporary_name
 from psfs.common.reading import open_input, parsing, unreadable_error
-from psfs.common.single_files import check_file, remember_file
+from psfs.common.system import is_alive
 
 if TYPE_CHECKING:
     import numpy as np
@@ -107,7 +110,7 @@ def write_atomically(path: str | Path) -> Iterator[Path]:
     `with write_atomically("a.ply") as temporary: write(temporary)` In an output folder that is
     being written, see `psfs.common.outputs`, the name is added to its manifest. Raises InputError
     if the file system refuses (no permission, disk full, a file for a folder), or if there is a
-    file of that name that no command of ours wrote; see `psfs.common.single_files` for those
+    file of that name that no command of ours wrote; see `psfs.common.outputs` for those
     elsewhere.
     """
     path = Path(path)
@@ -188,3 +191,34 @@ def write_picture(path: Path, picture: np.ndarray) -> None:
 
 def _picture_format_error(path: Path) -> InputError:
     return InputError(f"{path}: unknown picture format; expected a name such as view.png")
+
+
+def parse_xml(text: str, what: str) -> ElementTree.Element:
+    """Return the root of an XML document; what: description of the expected file. Raises InputError
+    without the file's name, also for a document type, whose entities may grow without bound."""
+    if "<!" in text.replace("<!--", "").replace("<![CDATA[", ""):
+        raise InputError(f"holds a document type; expected {what}, without one")
+    try:
+        return ElementTree.fromstring(text)
+    except (ElementTree.ParseError, ValueError) as error:
+        raise InputError(f"{error}; expected {what}") from None
+
+
+#: Beginning of the folders' names; the number of the process follows.
+_PREFIX = "psfs-apf-"
+
+
+@contextmanager
+def temporary_folder() -> Iterator[Path]:
+    """Yield a new temporary folder, which is removed afterwards, as are those of processes that
+    were killed."""
+    _remove_orphans()
+    with TemporaryDirectory(prefix=f"{_PREFIX}{os.getpid()}-") as folder:
+        yield Path(folder)
+
+
+def _remove_orphans() -> None:
+    for folder in Path(gettempdir()).glob(f"{_PREFIX}*-*"):
+        process = folder.name.removeprefix(_PREFIX).split("-")[0]
+        if process.isdigit() and not is_alive(int(process)):
+            shutil.rmtree(folder, ignore_errors=True)  # another user's stays

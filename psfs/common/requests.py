@@ -8,12 +8,12 @@ that name a flag are flags, too, and with `Part.table` all of them are a table o
 from __future__ import annotations
 
 import difflib
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
 from types import NoneType
-from typing import Any, ClassVar, Literal, TypeVar, get_args, get_origin
+from typing import Any, ClassVar, Literal, TypeAlias, TypeVar, get_args, get_origin
 
 import tomli_w
 from pydantic import ConfigDict, PrivateAttr
@@ -30,7 +30,7 @@ from psfs.common.config import (
     part_kind,
 )
 from psfs.common.files import resolve_path, write_text
-from psfs.common.presets import Presets, merge_tables, read_preset
+from psfs.common.toml import read_toml
 
 R = TypeVar("R", bound="Request")
 
@@ -488,6 +488,17 @@ def without_excluded(
     }  # fmt: skip
 
 
+def read_config(kind: type[Request], file: Path) -> Stated:
+    """Return what a file of --config states. Raises InputError that names the file."""
+    flags, tables = split_tables(read_toml(file))
+    known = list_tables(kind).values()
+    for name in tables:
+        if name not in known:
+            expected = ", ".join(f"[{table}]" for table in known) or "no table"
+            raise InputError(f"{file}: has a table [{name}]; expected {expected}")
+    return Stated(read_flags(file, kind, flags), tables, file)
+
+
 def read_flags(where: Path | str, kind: type[Request], flags: Mapping[str, Any]) -> dict[str, Any]:
     """Return the values, by destination, of the flags that a file states by their names. Raises
     InputError."""
@@ -530,3 +541,34 @@ def _read_one(where: Path | str, option: Option, value: Any) -> Any:
         listed = ", ".join(map(str, option.flag.choices))
         raise InputError(f"{where}: {option.name} is {value!r}; expected one of {listed}")
     return parsed
+
+
+#: The files of each preset, those of the part before first.
+Presets: TypeAlias = Mapping[str, Sequence[Path]]
+
+
+def find_presets(folder: Path, before: Presets | None = None) -> dict[str, list[Path]]:
+    """Return the presets that lie in `folder`, NAME.toml each; one whose name is known `before`
+    adds to that."""
+    known = before or {}
+    return {path.stem: [*known.get(path.stem, ()), path] for path in sorted(folder.glob("*.toml"))}
+
+
+def read_preset(presets: Presets, name: str) -> dict[str, Any]:
+    """Return the settings of a preset. Raises InputError for an unknown name."""
+    if name not in presets:
+        raise InputError(f"preset {name!r}; expected {', '.join(presets) or 'none'}")
+    settings: dict[str, Any] = {}
+    for path in presets[name]:
+        settings = merge_tables(settings, read_toml(path))
+    return settings
+
+
+def merge_tables(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the values of both, table by table; where both state one, that of `above`."""
+    joined = dict(below)
+    for name, value in above.items():
+        under = joined.get(name)
+        both = isinstance(value, Mapping) and isinstance(under, Mapping)
+        joined[name] = merge_tables(under, value) if both else value  # type: ignore[arg-type]
+    return joined

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import ctypes
 import os
+import platform
 import signal
 import sys
 import threading
@@ -170,3 +171,17 @@ def keep_freed_memory(nbytes: int) -> None:
     if mallopt is not None:
         mallopt(_MMAP_THRESHOLD, nbytes)
         mallopt(_TRIM_THRESHOLD, nbytes)
+
+
+def versions() -> dict[str, str]:
+    """Return the versions of this program, of Python and of the libraries that affect results."""
+    from importlib import metadata  # takes 20 ms
+
+    packages = ("psfs-apf", "numpy", "pyopencl", "opencv-python-headless", "scipy")
+    found = {"python": platform.python_version()}
+    for package in packages:
+        try:
+            found[package] = metadata.version(package)
+        except metadata.PackageNotFoundError:  # another flavour of the same library
+            found[package] = "unknown"
+    return found

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import ctypes
+import os
+from functools import cache
 from typing import Any
 
 import numpy as np
 import trimesh
 
 from psfs.cameras.camera import Camera, CameraRig
-from psfs.common.open3d import load_open3d
 from psfs.mesh.marching_cubes import vertex_colours
 from psfs.output.preview import (
     BACKDROP,
@@ -107,3 +109,18 @@ class RayScene:
             directions = camera.rays(np.stack([columns.ravel(), rows.ravel()], -1))
             shown[rows.ravel(), columns.ravel()] = self.hits(camera.centre, directions)
         return shown
+
+
+@cache
+def load_open3d() -> Any:
+    """Import open3d with the libusb of the package `libusb-package`, as bare machines have none."""
+    import libusb_package
+
+    library = libusb_package.get_library_path()
+    if library:
+        ctypes.CDLL(str(library), mode=ctypes.RTLD_GLOBAL)
+    # In notebooks Open3D would start a web server and print a message.
+    os.environ.setdefault("OPEN3D_DISABLE_WEB_VISUALIZER", "true")
+    import open3d
+
+    return open3d

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from psfs.common.presets import find_presets, read_preset
+from psfs.common.requests import find_presets, read_preset
 from psfs.voxels.config import ReconstructionConfig
 
 #: Their files by name.

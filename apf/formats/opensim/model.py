@@ -10,8 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from cl import InputError
-from psfs.common.files import name_file_in_errors, read_text
-from psfs.common.xml import parse_xml
+from psfs.common.files import name_file_in_errors, parse_xml, read_text
 
 #: The model that Pose2Sim's wheel carries: Rajagopal et al. 2016 without muscles.
 _CARRIED = Path("OpenSim_Setup", "Model_Pose2Sim_simple.osim")

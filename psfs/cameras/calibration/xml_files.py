@@ -45,8 +45,8 @@ from psfs.cameras.calibration.common import (
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.names import natural_key
 from psfs.cameras.units import Unit
+from psfs.common.files import parse_xml
 from psfs.common.reading import open_input
-from psfs.common.xml import parse_xml
 
 QUALISYS = ".qca.txt"
 #: Units of the sensor per pixel; the camera's axes are x right, y up, z backward.

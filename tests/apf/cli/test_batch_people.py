@@ -20,12 +20,14 @@ from apf.formats.pose import write_pose
 from apf.request import BatchRequest, TrackRequest
 from apf.tracking.track import Track
 from cl import InputError
+from psfs.cli.program import parse_stated
 from psfs.common.files import write_json
 
 
 def request(*words: str, part_frames: int | None = None) -> TrackRequest:
     batch = BatchRequest(folders=(), part_frames=part_frames)
-    return make_request(batch, ListedTake(Path("take"), words=words), Path("out"))
+    stated = parse_stated(TrackRequest, ["take", "-o", "out", *words])
+    return make_request(batch, ListedTake(Path("take"), stated=stated), Path("out"))
 
 
 def test_as_many_people_as_are_seen_by_default_and_one_in_parts() -> None:

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from psfs.common.scratch import temporary_folder
+from psfs.common.files import temporary_folder
 
 
 def test_folders_of_killed_processes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

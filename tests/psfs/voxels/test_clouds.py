@@ -11,7 +11,7 @@ from helpers import scenes
 from scipy import ndimage
 
 from cl import InputError
-from psfs.common.open3d import load_open3d
+from psfs.mesh.preview import load_open3d
 from psfs.reference.surface import surface_voxels
 from psfs.voxels.clouds import (
     coarsen,
