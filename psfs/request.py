@@ -488,7 +488,7 @@ class MeshRequest(RunRequest):
     COMMAND: ClassVar = "psfs mesh"
     DETAILS: ClassVar = (
         ", coloured where the clouds are. The probability is computed again from the "
-        "frames' pictures. PLY and OBJ: metres, Z up; GLB: metres, Y up."
+        "frames' pictures. In metres; PLY with Z up, OBJ and GLB with Y up."
     )
 
     frame: Annotated[

@@ -62,20 +62,23 @@ def print_export(written: Export, gait_wanted: bool, seen: np.ndarray | None = N
     else:
         shown = f"{len(track)} frames, smoothed at {track.smoothing['cutoff_hz']:g} Hz"
         held = " and feet held where they stand" if track.standing.any() else ""
-        stdout.print(f"{shown}{held}; track.npz keeps the poses as they were", soft_wrap=True)
+        stdout.print(
+            f"{shown}{held}; track.npz and joints.trc keep them as they were tracked",
+            soft_wrap=True,
+        )
     for what, rows in (("was lost", track.lost & there), ("was not there", track.lost & ~there)):
         if rows.any():
             stdout.print(
                 f"the person {what} in frames {spans(track.frames[rows].tolist())}: missing values "
-                "there, in BVH and GLB the pose before",
+                "there, in BVH and GLB the pose before, in MOT bridged",
                 soft_wrap=True,
             )
     if track.body is not None and track.lost_limbs.any():
         columns = zip(limb_names(track.body), track.lost_limbs.T, strict=True)
         limbs = [f"{n} in {spans(track.frames[c].tolist())}" for n, c in columns if c.any()]
         stdout.print(
-            f"limbs were lost, by frames: {'; '.join(limbs)}: missing values there, in BVH and GLB "
-            "bridged",
+            f"limbs were lost, by frames: {'; '.join(limbs)}: missing values there, in BVH, GLB "
+            "and MOT bridged",
             soft_wrap=True,
         )
     if written.gait is not None:

@@ -86,7 +86,14 @@ def print_outcome(judgement: Judgement, n_frames: int) -> None:
     check, and the files that were written."""
     track, folder = judgement.quality.track, judgement.folder
     if was_interrupted(track, n_frames):
-        stderr.print(f"{len(track)} of {n_frames} frames are in {folder}")
+        lacking = (
+            "" if len(track) < n_frames else ", the last ones by the forward pass alone"
+        )
+        stderr.print(
+            f"{len(track)} of {n_frames} frames are in {folder}{lacking}; the same command tracks "
+            "all again",
+            soft_wrap=True,
+        )
         return
     stdout.print(f"{len(track)} frames tracked: {folder}", soft_wrap=True)
     if len(track.restarts):

@@ -13,7 +13,7 @@ from apf.body.kinematics import posed_joints
 from apf.body.limbs import limb_angles
 from apf.body.model import BodyModel
 from apf.formats.joint_csv import write_columns
-from apf.formats.motion import BodyMotion
+from apf.formats.motion import BodyMotion, interpolate_gaps
 from apf.formats.skeleton import TO_Y_UP
 from apf.formats.trc import JointSeries
 from psfs.common.files import open_text
@@ -45,12 +45,23 @@ def write_angle_csv(
 def write_mot(path: str | Path, motion: BodyMotion) -> None:
     """Write OpenSim's coordinates: degrees, metres, Y up, (X, Y, Z) = world (x, z, -y).
 
-    The names are those of Rajagopal et al. 2016, where a bent knee has a positive angle. Lost
-    frames and limbs are NaN. Raises InputError if the file cannot be written.
+    The names are those of Rajagopal et al. 2016, where a bent knee has a positive angle. OpenSim
+    stops reading at a value that is missing: in lost frames and limbs coordinates are interpolated
+    linearly, and held at the ends. Which these are is written into `<name>_filled.csv` beside the
+    file, 1 where a coordinate was filled. Raises InputError if a file cannot be written.
     """
+    path = Path(path)
     table = opensim_coordinates(motion.body, motion.poses)
     gone = motion.lost[:, None] | (motion.lost_limbs @ limb_angles(motion.body, table))
-    columns = np.where(gone, np.nan, np.stack(list(table.values()), -1))
+    columns = interpolate_gaps(np.stack(list(table.values()), -1), motion.points.times, gone)
+    columns = np.nan_to_num(columns)  # of somebody who is never there
+    beside = path.with_name(f"{path.stem}_filled.csv")
+    if gone.any():
+        flags = dict(zip(table, gone.T.astype(float), strict=True))
+        write_columns(beside, motion.points.frames, motion.points.fps, flags, 0)
+    else:
+        beside.unlink(missing_ok=True)  # an earlier one
+    filled = [f"filled by interpolation where lost, see {beside.name}"] if gone.any() else []
     header = [
         "Coordinates",
         "version=1",
@@ -59,6 +70,7 @@ def write_mot(path: str | Path, motion: BodyMotion) -> None:
         "inDegrees=yes",
         "",
         *([motion.points.note] if motion.points.note else []),
+        *filled,
         "endheader",
         "\t".join(["time", *table]),
     ]

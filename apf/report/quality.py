@@ -26,6 +26,12 @@ DOUBTFUL = LOST
 #: Most frame ranges that a line lists; the page shows all.
 _NAMED = 4
 
+#: What an interrupted track lacks.
+INTERRUPTED = (
+    "it was interrupted: later frames, or the backward pass over its last ones, are missing; the "
+    "same apf track command makes it whole"
+)
+
 
 @dataclass(frozen=True, eq=False)
 class Quality:
@@ -43,6 +49,10 @@ class Quality:
     doubts: tuple[str, ...] = ()
     seen: np.ndarray | None = None
     config: QualityConfig = field(default_factory=QualityConfig)
+
+    def __post_init__(self) -> None:
+        if self.track.interrupted:
+            object.__setattr__(self, "doubts", (*self.doubts, INTERRUPTED))
 
     @cached_property
     def there(self) -> np.ndarray:

@@ -151,7 +151,7 @@ def finish_take(
     facts = run_facts(
         job.device, sequence, request.reconstruction, (n_done, n_frames), warnings, take.seconds
     )
-    facts |= dict(job.of_people)
+    facts |= dict(job.of_people) | {"complete": whole}
     judgements = []
     for track, folder in zip(take.tracks, job.folders, strict=True):
         compared, keypoints = whole and request.report, opened.keypoints

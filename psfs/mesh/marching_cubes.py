@@ -179,8 +179,8 @@ def match_solid(probability: np.ndarray, solid: np.ndarray, threshold: float) ->
 def write_mesh(mesh: trimesh.Trimesh, path: Path) -> None:
     """Write PLY (binary), OBJ or GLB, by the suffix, with normals and the vertices' colours.
 
-    PLY and OBJ: metres, Z up, which a comment says. GLB: metres, +Y up, and linear colours, as glTF
-    2.0 requires (3.4, 3.9.2). Raises InputError for another suffix.
+    PLY: metres, Z up, which a comment says. OBJ and GLB: metres, +Y up, as their readers expect;
+    GLB with linear colours, as glTF 2.0 requires (3.4, 3.9.2). Raises InputError for another suffix.
     """
     suffix = path.suffix.lower().lstrip(".")
     if suffix not in FORMATS:
@@ -201,7 +201,9 @@ def _ply(mesh: trimesh.Trimesh) -> bytes:
 
 
 def _obj(mesh: trimesh.Trimesh) -> bytes:
-    text = mesh.export(file_type="obj", include_normals=True, digits=6, header=_COMMENT)
+    header = _COMMENT.replace("Z up", "Y up")
+    turned = mesh.copy().apply_transform(Y_UP)
+    text = turned.export(file_type="obj", include_normals=True, digits=6, header=header)
     return str(text).encode()
 
 

@@ -198,8 +198,7 @@ def _points(body: BodyModel, poses: np.ndarray) -> tuple[list[str], np.ndarray]:
 
 
 def marker_series(motion: BodyMotion) -> JointSeries:
-    """Return the markers over time, NaN where the person or the limb is lost, and last the origin:
-    OpenSim 4.6 does not read a row of a TRC that ends with a blank cell."""
+    """Return the markers over time, NaN where the person or the limb is lost."""
     body = motion.body
     names, points = _points(body, motion.poses)
     on_limbs = dict(zip(body.joint_names, (motion.lost_limbs @ limb_joints(body)).T, strict=True))
@@ -210,9 +209,8 @@ def marker_series(motion: BodyMotion) -> JointSeries:
         joint = f"{name[:2]}{ends[name[2:]]}" if name[2:] in ends else joint
         gone[:, column] |= on_limbs[joint].astype(bool)
     points = np.where(gone[..., None], np.nan, points)
-    points = np.concatenate([points, np.zeros_like(points[:, :1])], 1)
     own = motion.points
-    return JointSeries((*names, "origin"), points, own.fps, own.frames, None, own.note)
+    return JointSeries(tuple(names), points, own.fps, own.frames, None, own.note)
 
 
 def _start_model(model: GenericModel, motion: BodyMotion) -> str:

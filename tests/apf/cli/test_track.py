@@ -121,6 +121,23 @@ def test_interrupted(walk: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     assert Track.open(tmp_path / "out").frames.tolist() == [0, 1]
 
 
+def test_interrupted_while_tracking_back(
+    walk: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """All frames are there, and every file says that the last ones lack the backward pass."""
+
+    def interrupt(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(apf.tracking.two_way, "_fuse_window", interrupt)
+    out = tmp_path / "out"
+    assert track(walk, out, "--no-overlay", "--frames", "0:4") == 130
+    assert "the last ones by the forward pass alone" in " ".join(capsys.readouterr().err.split())
+    assert json.loads((out / "summary.json").read_text())["complete"] is False
+    assert main(["report", str(out)]) == 0
+    assert "it was interrupted" in " ".join(capsys.readouterr().out.split())
+
+
 def without_first_video(folder: Path) -> None:
     (folder / "videos" / "cam01.mp4").unlink()
 

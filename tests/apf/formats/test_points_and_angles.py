@@ -163,8 +163,8 @@ def test_mot_turns_segments_as_opensim_does(tmp_path: Path) -> None:
 def test_mot_of_lost_frames_and_of_parts_of_bodies(tmp_path: Path) -> None:
     walk().save(tmp_path / "a.mot")
     table = read_mot(tmp_path / "a.mot")
-    assert all(np.isnan(v[3:5]).all() for name, v in table.items() if name != "time")
-    assert np.isfinite(np.delete(table["knee_angle_l"], [3, 4])).all()
+    for values in table.values():  # lost in 3 and 4
+        np.testing.assert_allclose(values[2:6], np.linspace(values[2], values[5], 4), atol=1e-6)
     upper = load_body("rymut31_upper")
     assert "knee_angle_r" not in opensim_coordinates(upper, upper.rest_pose[None])
 

@@ -26,6 +26,7 @@ from apf.formats.bvh import make_continuous
 from apf.formats.skeleton import TO_Y_UP, build_skeleton, node_name
 from apf.tracking.track import Track
 from psfs.common.cones import cone_distances
+from psfs.mesh.marching_cubes import write_mesh
 
 #: Where programs of animation have the joints.
 NODES = {
@@ -236,6 +237,10 @@ for kind in ("bvh", "glb"):
         found[kind].append({
             bone.name: list(armature.matrix_world @ bone.head) for bone in armature.pose.bones
         })
+bpy.ops.wm.read_factory_settings(use_empty=True)
+bpy.ops.wm.obj_import(filepath=folder + "/a.obj")
+(mesh,) = (o for o in bpy.data.objects if o.type == "MESH")
+found["obj"] = [list(mesh.matrix_world @ vertex.co) for vertex in mesh.data.vertices]
 json.dump(found, open(out, "w"))
 """
 
@@ -251,11 +256,14 @@ def test_blender_shows_the_person_where_the_tracker_saw_him(tmp_path: Path) -> N
     track = wild("song31")
     for ending in ("bvh", "glb"):
         track.save(tmp_path / f"a.{ending}")
+    write_mesh(trimesh.creation.box((1, 2, 3)), tmp_path / "a.obj")
     (tmp_path / "look.py").write_text(BLENDER)
     files = [str(tmp_path / name) for name in ("look.py", "", "found.json")]
     separator = ["--"] if len(program) > 1 else []
     subprocess.run([*program, files[0], *separator, *files[1:]], check=True, capture_output=True)
-    for frames in json.loads((tmp_path / "found.json").read_text()).values():
+    found = json.loads((tmp_path / "found.json").read_text())
+    np.testing.assert_allclose(np.ptp(found.pop("obj"), axis=0), [1, 2, 3], atol=1e-5)
+    for frames in found.values():
         for frame, bones in enumerate(frames):
             for joint, node in NODES.items():
                 if node in bones:  # of a GLB points are no bones

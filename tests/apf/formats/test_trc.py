@@ -33,8 +33,8 @@ def test_layout_is_what_opensim_reads(tmp_path: Path) -> None:
     assert lines[3] == "Frame#\tTime\thead_top\t\t\tb\t\t"
     assert lines[4] == "\t\tX1\tY1\tZ1\tX2\tY2\tZ2"
     assert lines[5] == ""
-    # World (x, y, z) = (1, 2, 3) m: Y up, X = x, Y = z, Z = -y, mm; a missing point is blank.
-    assert lines[6] == "11\t0.200000\t1000.00000\t3000.00000\t-2000.00000\t\t\t"
+    # World (x, y, z) = (1, 2, 3) m: Y up, X = x, Y = z, Z = -y, mm; a missing point is NaN.
+    assert lines[6] == "11\t0.200000\t1000.00000\t3000.00000\t-2000.00000\tNaN\tNaN\tNaN"
     assert lines[7:] == [""]
     assert np.isnan(read_trc(tmp_path / "a.trc").joints[0, 1]).all()
 

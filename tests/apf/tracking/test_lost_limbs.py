@@ -85,8 +85,14 @@ def test_every_file_says_it(track: Track, tmp_path: Path) -> None:
     assert (c3d["data"]["meta_points"]["residuals"][0, wrist, LOST] == -1).all()
     lines = (tmp_path / "x.mot").read_text().splitlines()
     begin = lines.index("endheader") + 1
-    names, row = lines[begin].split("\t"), lines[begin + 11].split("\t")
-    assert row[names.index("elbow_flex_l")] == "nan" != row[names.index("elbow_flex_r")]
+    names = lines[begin].split("\t")
+    column = names.index("elbow_flex_l")
+    rows = np.loadtxt(tmp_path / "x.mot", skiprows=begin + 1)[:, column]
+    np.testing.assert_allclose(rows[9:15], np.linspace(rows[9], rows[14], 6), atol=1e-6)
+    with (tmp_path / "x_filled.csv").open() as file:
+        filled = list(csv.DictReader(file))
+    assert [k for k, flags in enumerate(filled) if flags["elbow_flex_l"] == "1"] == [10, 11, 12, 13]
+    assert not any(flags["elbow_flex_r"] == "1" for flags in filled)
     extras = pygltflib.GLTF2().load(str(tmp_path / "x.glb")).animations[0].extras
     assert extras["lost_limbs"] == {"left arm": [10, 11, 12, 13]}
     write_angle_csv(tmp_path / "x.csv", track.angles, track.points)

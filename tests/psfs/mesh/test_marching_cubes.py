@@ -104,13 +104,16 @@ def test_the_box_holds_the_cloud_and_a_voxel_around_it() -> None:
 
 @pytest.mark.parametrize("coloured", [False, True])
 @pytest.mark.parametrize("suffix", ["ply", "obj"])
-def test_ply_and_obj_are_z_up_and_say_so(tmp_path: Path, suffix: str, coloured: bool) -> None:
+def test_ply_is_z_up_and_obj_y_up_and_say_so(tmp_path: Path, suffix: str, coloured: bool) -> None:
     mesh = extract_surface(ball(), GRID, 0.5, cloud=cloud(coloured))
     write_mesh(mesh, tmp_path / f"ball.{suffix}")
-    assert b"unit metre; right-handed, Z up" in (tmp_path / f"ball.{suffix}").read_bytes()[:200]
+    x, y, z = mesh.vertices.T
+    up, expected = {"ply": (b"Z", mesh.vertices), "obj": (b"Y", np.stack([x, z, -y], -1))}[suffix]
+    said = (tmp_path / f"ball.{suffix}").read_bytes()[:200]
+    assert b"unit metre; right-handed, %s up" % up in said
     again = trimesh.load(tmp_path / f"ball.{suffix}", process=False)
     assert isinstance(again, trimesh.Trimesh) and again.is_watertight
-    np.testing.assert_allclose(again.vertices, mesh.vertices, atol=2e-6)
+    np.testing.assert_allclose(again.vertices, expected, atol=2e-6)
     colours = vertex_colours(mesh)
     if colours is not None:
         np.testing.assert_array_equal(vertex_colours(again), colours)
