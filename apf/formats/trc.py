@@ -109,8 +109,8 @@ def write_trc(path: str | Path, series: JointSeries, convention: str = "y-up") -
     """Write a TRC that OpenSim opens, in mm; convention: its axes, one of `CONVENTIONS`.
 
     Frame# is the sequence's frame index + 1 and Time is the index over fps, so that a track of some
-    frames stays in step with the whole video. Missing points are NaN: OpenSim refuses a row that ends
-    blank.
+    frames stays in step with the whole video. Missing points are NaN: OpenSim refuses a row that
+    ends blank.
     """
     path = Path(path)
     n, n_joints = series.joints.shape[:2]
@@ -140,9 +140,9 @@ def write_trc(path: str | Path, series: JointSeries, convention: str = "y-up") -
 def read_trc(path: str | Path, convention: str = "y-up") -> JointSeries:
     """Read the markers of a TRC in metres, Z up.
 
-    convention: one of `CONVENTIONS`, since a TRC does not state its axes. Missing markers are blank,
-    NaN or 0 0 0. Frame numbers count from 1, or from 0 if the first is 0. Raises InputError naming the
-    line that is wrong.
+    convention: one of `CONVENTIONS`, since a TRC does not state its axes. Missing markers are
+    blank, NaN or 0 0 0. Frame numbers count from 1, or from 0 if the first is 0. Raises InputError
+    naming the line that is wrong.
     """
     path = Path(path)
     lines = read_text(path, "a TRC file", _MOST_BYTES).splitlines()

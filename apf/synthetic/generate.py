@@ -105,9 +105,9 @@ def _open_videos(folder: Path, scene: SyntheticScene) -> Iterator[Callable[[np.n
     them."""
     folder.mkdir()
     with ExitStack() as stack:
-        videos = [
-            stack.enter_context(write_video(folder / f"{camera.name}.mp4", scene.config.fps))
-            for camera in scene.rig
+        paths = [folder / f"{camera.name}.mp4" for camera in scene.rig]
+        videos = [  # at a quality that keeps the noise
+            stack.enter_context(write_video(path, scene.config.fps, quality=12)) for path in paths
         ]
 
         def write(images: np.ndarray) -> None:

@@ -180,7 +180,8 @@ def write_mesh(mesh: trimesh.Trimesh, path: Path) -> None:
     """Write PLY (binary), OBJ or GLB, by the suffix, with normals and the vertices' colours.
 
     PLY: metres, Z up, which a comment says. OBJ and GLB: metres, +Y up, as their readers expect;
-    GLB with linear colours, as glTF 2.0 requires (3.4, 3.9.2). Raises InputError for another suffix.
+    GLB with linear colours, as glTF 2.0 requires (3.4, 3.9.2). Raises InputError for another
+    suffix.
     """
     suffix = path.suffix.lower().lstrip(".")
     if suffix not in FORMATS:
