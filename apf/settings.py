@@ -5,10 +5,7 @@ from __future__ import annotations
 from apf.filters.method import Method
 from apf.initialisation.config import StartConfig
 from apf.initialisation.fit_config import JointFitConfig, KeypointStartConfig
-from apf.keypoints.config import (
-    AssociationConfig,
-    PersonConfig,
-)
+from apf.keypoints.config import AssociationConfig
 from apf.live.config import LiveConfig
 from apf.report.config import MotionConfig, QualityConfig
 from apf.synthetic.config import SceneConfig
@@ -18,9 +15,8 @@ from psfs.common.config import Config, part
 
 
 class KeypointSettings(Config):
-    """Detection, choice and comparison of keypoints."""
+    """Choice and comparison of keypoints."""
 
-    persons: PersonConfig = part(PersonConfig)
     association: AssociationConfig = part(AssociationConfig)
 
 

@@ -1,4 +1,4 @@
-"""Assign the persons in the pictures of several cameras to people in space.
+"""Assign the persons in the pictures of several cameras to people, in space or in the voxels.
 
 Who is followed takes in every camera the person that lies nearest to where the last points of the
 body are projected, all at once (Hungarian method). The others are matched between cameras by
@@ -10,12 +10,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from itertools import combinations
+from itertools import combinations, pairwise
 
 import numpy as np
 
 from apf.keypoints.config import AssociationConfig
-from apf.keypoints.persons import person_sizes
 from psfs.cameras.camera import CameraRig
 from psfs.cameras.triangulation import (
     TriangulationConfig,
@@ -23,7 +22,9 @@ from psfs.cameras.triangulation import (
     triangulate,
     undistort_points,
 )
-from psfs.common.matching import match_pairs
+from psfs.common.matching import find_best_path, match_pairs
+from psfs.people.people import People, Person
+from psfs.voxels.grid import VoxelGrid
 
 
 @dataclass(eq=False)
@@ -72,6 +73,58 @@ def count_at_once(people: Sequence[np.ndarray], least: float) -> int:
     shown = [(np.isfinite(own).all(-1).any(-1).sum(0) > 1) for own in people]
     of_frames = np.sort(np.sum(shown, axis=0))[::-1]
     return int(of_frames[min(max(1, round(least)), len(of_frames)) - 1])
+
+
+def choose_person(
+    points: np.ndarray, rig: CameraRig | None, fps: float, config: AssociationConfig | None = None
+) -> np.ndarray:
+    """Return the keypoints (V, F, K, 3) of one of N persons (V, F, N, K, 3): of the people whom
+    cameras see alike the one with the surest and largest keypoints; without cameras, or if there is
+    nobody, of each camera's own choice (Viterbi) the persons that are sure and large and move
+    little."""
+    config = config or AssociationConfig()
+    if points.shape[2] == 1:
+        return points[:, :, 0]
+    people = [] if rig is None else associate_people(points, rig, fps, None, config)
+    if people:
+        return max(people, key=lambda own: float(_score_persons(own[:, :, None]).sum()))
+    sizes, scores = person_sizes(points), _score_persons(points)
+    chosen = np.zeros(points.shape[:2], int)
+    for view, score in enumerate(scores / np.maximum(scores.max((1, 2), keepdims=True), 1e-9)):
+        there = np.flatnonzero(score.any(-1)).tolist()
+        if len(there):
+            steps = [_measure_steps(points[view], sizes[view], *pair) for pair in pairwise(there)]
+            changes = np.reshape(steps, (-1, points.shape[2], points.shape[2])) / config.followed
+            chosen[view, there] = find_best_path(
+                np.where(score > 0, -score, np.inf)[there], changes
+            )
+    return np.take_along_axis(points, chosen[:, :, None, None, None], 2)[:, :, 0]
+
+
+def _score_persons(points: np.ndarray) -> np.ndarray:
+    """Return the confidences of persons (V, F, N, K, 3), summed, by the roots of their sizes."""
+    return np.nan_to_num(points[..., 2]).sum(-1) * np.sqrt(person_sizes(points))
+
+
+def person_sizes(points: np.ndarray) -> np.ndarray:
+    """Return the diagonals (V, F, N) px of the persons' bounding boxes; 1 for missing persons."""
+    pixels = points[..., :2]
+    known = np.isfinite(pixels)
+    high = np.where(known, pixels, -np.inf).max(-2)
+    low = np.where(known, pixels, np.inf).min(-2)
+    with np.errstate(invalid="ignore"):
+        sizes = np.hypot(*np.moveaxis(high - low, -1, 0))
+    return np.where(np.isfinite(sizes), np.maximum(sizes, 1.0), 1.0)
+
+
+def _measure_steps(points: np.ndarray, sizes: np.ndarray, before: int, after: int) -> np.ndarray:
+    """Return the distances (N, N) between the persons (F, N, K, 3) of two frames, medians over the
+    points as shares of their sizes (F, N), at most 1; 1 if they have none in common."""
+    apart = points[before][:, None, :, :2] - points[after][None, :, :, :2]
+    away = np.linalg.norm(apart, axis=-1)
+    none = np.isnan(away).all(-1)
+    steps = np.nanmedian(np.where(none[..., None], np.inf, away), axis=-1)
+    return np.minimum(steps / np.sqrt(sizes[before][:, None] * sizes[after][None]), 1.0)
 
 
 def _pick(points: np.ndarray, person: _Person) -> np.ndarray:
@@ -218,3 +271,53 @@ class _Search:
         median = np.array([np.median(row[fine]) if fine.sum() >= least else np.inf
                            for row, fine in zip(off, known, strict=True)])  # fmt: skip
         return np.minimum(median / self.sizes[view, frame], 1e3)
+
+
+def match_to_people(
+    points: np.ndarray, people: People, rig: CameraRig, config: AssociationConfig | None = None
+) -> list[np.ndarray]:
+    """Return the keypoints (V, F, K, 3) of each of `people`, NaN in frames that have none near the
+    voxels.
+
+    points: (N, V, F, K, 3) of each person that was associated in the pictures. In every frame they
+    are given to the people whose voxels are nearest in the pictures (Hungarian method), up to
+    `config.from_voxels`: an identity that was exchanged in the pictures is not exchanged here.
+    """
+    config = config or AssociationConfig()
+    matched = np.full((len(people), *points.shape[1:]), np.nan, np.float32)
+    middles = np.stack([_middles(person, people.grid, points.shape[2]) for person in people])
+    apart = np.stack([_distances(one, middles, rig) for one in points])
+    for frame in np.flatnonzero(np.isfinite(apart).any((0, 1))):
+        for k, person in match_pairs(apart[..., frame], config.from_voxels):
+            matched[person, :, frame] = points[k, :, frame]
+    return list(matched)
+
+
+def _middles(person: Person, grid: VoxelGrid, n_frames: int) -> np.ndarray:
+    """Return the middles (F, 3) m of a person's voxels, NaN where there are none."""
+    middles = np.full((n_frames, 3), np.nan)
+    for frame, voxels in person.voxels.items():
+        middles[frame] = grid.centres(voxels).mean(0)
+    return middles
+
+
+def _distances(points: np.ndarray, middles: np.ndarray, rig: CameraRig) -> np.ndarray:
+    """Return the distances (P, F) m of keypoints (V, F, K, 3) from people's middles (P, F, 3), mean
+    of the cameras; NaN where a frame lacks one of them."""
+    with np.errstate(all="ignore"):
+        seen = np.isfinite(points).all(-1)
+        counts = seen.sum(-1)[..., None]
+        means = np.where(seen[..., None], points[..., :2], 0).sum(-2) / counts
+    apart = np.full((len(rig), *middles.shape[:2]), np.nan)
+    there = np.isfinite(middles).all(-1)
+    for view, camera in enumerate(rig):
+        pixels, depth = camera.project(middles[there])
+        shown = np.full((*there.shape, 2), np.nan)
+        shown[there] = np.where(depth[:, None] > 0, pixels, np.nan)
+        away = np.full(there.shape, np.nan)
+        away[there] = depth
+        off = np.linalg.norm(shown - means[view], axis=-1)
+        apart[view] = off * away / camera.K[0, 0]
+    known = np.isfinite(apart)
+    with np.errstate(all="ignore"):
+        return np.asarray(np.where(known, apart, 0).sum(0) / known.sum(0))

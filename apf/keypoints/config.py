@@ -7,31 +7,6 @@ from typing import ClassVar
 from psfs.common.config import Config, natural, nonnegative, positive
 
 
-class PersonConfig(Config):
-    """Costs in the choice of the person to follow; confidence and size add a score from 0 to 1 in
-    every frame."""
-
-    SOURCE: ClassVar = "by hand"
-
-    motion: float = nonnegative(
-        2.0, "Cost of a step as long as the person's own size; longer steps cost no more."
-    )
-    agreement: float = nonnegative(
-        3.0,
-        "Cost of lying as far as the person's own size from where the other cameras see the "
-        "person.",
-    )
-    rounds: int = nonnegative(
-        3,
-        "Number of rounds that compare cameras, each with the others' choice of the round before.",
-    )
-    largest_error: float = positive(
-        0.3,
-        "Reprojection error, as a share of the person's size in the picture, up to which cameras "
-        "agree on a point.",
-    )
-
-
 class AssociationConfig(Config):
     """Settings of the assignment of persons in pictures to people in space."""
 

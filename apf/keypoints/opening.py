@@ -7,9 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from apf.keypoints.association import associate_people, count_at_once
-from apf.keypoints.config import AssociationConfig
-from apf.keypoints.persons import choose_person
+from apf.keypoints.association import choose_person
 from apf.keypoints.readers.arrays import (
     FREEMOCAP,
     read_array,
@@ -29,6 +27,7 @@ from cl import InputError, MissingFileError
 from psfs.cameras.camera import CameraRig
 from psfs.cameras.names import contains_name, join_names, name_tokens, natural_key
 from psfs.common.reading import parsing
+from psfs.sequence import DEFAULT_FPS
 from psfs.sequence import Sequence as Footage
 
 #: What keypoints can be matched to.
@@ -140,23 +139,13 @@ def match_keypoints(
     points, names, notes = match_persons(raw, cameras)
     n_persons = points.shape[2]
     if n_persons > 1:
-        points = _select_person(points, cameras)
+        fps = cameras.fps if isinstance(cameras, Footage) else DEFAULT_FPS
+        points = choose_person(points, _get_rig(cameras), fps)
         notes.append(
             f"{raw.path}: up to {n_persons} persons in a picture: one is followed that is sure, "
             "large and seen alike by all cameras"
         )
     return points.reshape(*points.shape[:2], -1, 3), names, tuple(notes)
-
-
-def _select_person(points: np.ndarray, cameras: Cameras | None) -> np.ndarray:
-    """Return the keypoints (V, F, K, 3) of one of N persons (V, F, N, K, 3): if a sequence shows
-    several people at once, of the one with the surest keypoints in all pictures, else see
-    `choose_person`, which would exchange people who are alike."""
-    if isinstance(cameras, Footage):
-        people = associate_people(points, cameras.rig, cameras.fps)
-        if count_at_once(people, AssociationConfig().least_seconds * cameras.fps) > 1:
-            return max(people, key=lambda own: float(np.nansum(own[..., 2])))
-    return choose_person(points, _get_rig(cameras))
 
 
 def match_persons(

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from apf.keypoints.agreement import find_disagreements
+from apf.keypoints.association import match_to_people
 from apf.keypoints.keypoints import Keypoints
-from apf.keypoints.matching import match_to_people
 from apf.keypoints.opening import expand_wildcards
 from apf.keypoints.timing import describe_lag, find_lag_to_footage
 from apf.tracking.people import MOST_PEOPLE
@@ -126,7 +126,10 @@ def match_people_keypoints(
         path = keypoints_path(given, session.sequence.folder)
         given, where = Keypoints.open_people(path, session.sequence), f"{path}: "
     everybody = [given] if isinstance(given, Keypoints) else list(given)
-    matched = match_to_people(everybody, people, session.rig)
+    points = np.stack([one.points for one in everybody])
+    matched = [
+        replace(everybody[0], points=one) for one in match_to_people(points, people, session.rig)
+    ]
     for note in matched[0].notes:
         progress.note(note)
     counts = [int(np.isfinite(one.points).any((0, 2, 3)).sum()) for one in matched]

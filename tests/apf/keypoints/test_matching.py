@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from helpers import scenes
 from helpers.keypoints import of_poses
 
 from apf.body.kinematics import posed_joints
 from apf.body.toml import load_body
-from apf.keypoints.matching import match_to_people
+from apf.keypoints.association import match_to_people
 from psfs.people.people import People, Person
 from psfs.voxels.grid import VoxelGrid
 
@@ -45,16 +43,16 @@ def test_identities_that_pictures_exchange_are_put_right() -> None:
     for one, other in ((0, 1), (1, 0)):
         exchanged[one][:, 3:] = true[other].points[:, 3:]
     exchanged[1][:, 2] = np.nan  # unseen there
-    given = [replace(true[0], points=points) for points in exchanged]
-    first, second = match_to_people(given, people, rig)
-    np.testing.assert_array_equal(first.points, true[0].points)
+    first, second = match_to_people(np.stack(exchanged), people, rig)
+    np.testing.assert_array_equal(first, true[0].points)
     expected = true[1].points.copy()
     expected[:, 2] = np.nan
-    np.testing.assert_array_equal(second.points, expected)
+    np.testing.assert_array_equal(second, expected)
 
 
 def test_keypoints_far_from_the_voxels_are_nobodys() -> None:
     rig = scenes.ring(4, size=(640, 480))
     people = People(range(FRAMES), GRID, (voxels_of(walk(-1.0)), voxels_of(walk(0.0))))
     aside = of_poses(rig, BODY, walk(1.0))
-    assert all(np.isnan(own.points).all() for own in match_to_people([aside], people, rig))
+    given = aside.points[None]
+    assert all(np.isnan(points).all() for points in match_to_people(given, people, rig))
