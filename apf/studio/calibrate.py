@@ -15,7 +15,7 @@ from apf.studio.target_fields import TargetFields
 from apf.studio.work import Work, WorkSlot, free_folder
 from cl import UserError
 from psfs.calibration.config import CalibrationConfig
-from psfs.calibration.coverage import Coverage
+from psfs.calibration.report import Coverage
 from psfs.calibration.targets.detection import (
     find_sightings,
     median_pictures,

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from psfs.calibration.config import CalibrationConfig
-from psfs.calibration.coverage import CELLS, Coverage, measure_coverage
+from psfs.calibration.report import CELLS, Coverage, measure_coverage
 from psfs.calibration.targets.target import Sighting
 from psfs.cameras.camera import CameraRig
 from psfs.page.words import make_lines, make_table

@@ -93,7 +93,7 @@ def calibrate_cameras(
         scene, target, kept, freedom, names, config
     )
     error = rms(np.minimum(all_reprojection_errors(scene, target, agreeing), 1e3))
-    if not error <= config.disagreement.failed:  # also NaN, of no sighting at all
+    if not error <= config.outlier:  # also NaN, of no sighting at all
         raise InputError(
             f"the sightings of the {target.name} fit no arrangement of the cameras; expected "
             "pictures of the same time, one rigid target of the stated size, cameras that stay"
@@ -182,7 +182,7 @@ def _reject_false(
     kept: list[Sighting] = []
     for own in group_by_view(sightings, len(scene.cameras)):
         near = [s for s in own if np.median(reprojection_errors(scene, target, s)) < config.outlier]
-        least = (1 - config.disagreement.false_share) * len(own)
+        least = (1 - config.false_share) * len(own)
         kept += near if len(near) >= least else own
     return select_shared(kept, _count_needed(target))
 

@@ -43,40 +43,6 @@ class MarkerConfig(Config):
     )
 
 
-class DisagreementConfig(Config):
-    """Search for cameras that disagree with the others, and for the reason."""
-
-    SOURCE: ClassVar = "by hand"
-
-    most_frames: int = setting(
-        80, "Most frames in which cameras are compared.", unit="frames", least=3
-    )
-    most_own: int = setting(
-        50, "Most sightings of a camera that are used to test possible reasons.", least=4
-    )
-    remaining: float = setting(
-        0.5, "Largest share of its errors that may remain if a reason is right.", above=0, most=1
-    )
-    delay: int = natural(5, "Largest delay that is tried.", unit="frames")
-    usual: float = setting(
-        1.5, "Largest usual ratio of errors by which the limit for an outlier grows.", least=1
-    )
-    wrong_lens: float = setting(
-        6.0,
-        "Ratio of variances (F) per intrinsic parameter above which given intrinsics do not fit.",
-        "1 if they are right",
-        above=1,
-    )
-    false_share: float = fraction(
-        0.1,
-        "Share of a camera's sightings that may be false detections; with more, the camera "
-        "disagrees.",
-    )
-    failed: float = positive(
-        20.0, "Root mean square error above which the calibration has failed.", unit="px"
-    )
-
-
 class CalibrationConfig(Config):
     """Settings of a calibration. The standard deviations are priors for parameters that the footage
     does not determine."""
@@ -93,7 +59,8 @@ class CalibrationConfig(Config):
     )
     outlier: float = setting(
         8.0,
-        "Error beyond which a sighting is left out before the last bundle adjustment.",
+        "Error beyond which a sighting is left out before the last bundle adjustment; of all "
+        "sightings: beyond which the calibration has failed.",
         unit="px",
         above=0,
         below=1000,
@@ -160,12 +127,13 @@ class CalibrationConfig(Config):
         above=0,
         below=10,
     )
-    inconsistent: float = setting(
-        2.0,
-        "Ratio of a camera's error on the others' targets to the usual error above which the "
-        "camera is reported as inconsistent.",
-        above=1,
-        below=100,
+    false_alarms: float = setting(
+        1e-3, "Probability that a sound camera, or its intrinsics, is accused (F tests).", above=0,
+        below=1,
+    )  # fmt: skip
+    false_share: float = fraction(
+        0.1,
+        "Share of a camera's sightings that may be false detections; with more, the camera "
+        "disagrees.",
     )
     markers: MarkerConfig = part(MarkerConfig)
-    disagreement: DisagreementConfig = part(DisagreementConfig)

@@ -1,4 +1,8 @@
-"""Find the cameras that disagree with the others, and why, by leaving each out in turn."""
+"""Find the cameras that disagree with the others, and why, by leaving each out in turn.
+
+Every comparison is a test of two variances (F test), of which sightings, not their points, are
+independent, with one rate of false alarms.
+"""
 
 from __future__ import annotations
 
@@ -7,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
+import scipy
 
 from psfs.calibration.bundle import FreeParameters, adjust_bundle
 from psfs.calibration.config import CalibrationConfig
@@ -17,6 +22,8 @@ from psfs.common.numbers import pick_evenly
 
 #: Fewest cameras among which an outlier can be found; number of intrinsics of a camera.
 _FEWEST, _PARAMETERS = 3, 8
+#: Most sightings of a camera that are compared, and greatest delay that is tried, frames.
+_SAMPLED, _MOST_LATE = 60, 5
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +51,7 @@ def compare_cameras(
 ) -> list[CameraComparison]:
     """Compare each of the cameras `views` with the others, where they share enough frames."""
     frames = sorted({sighting.frame for sighting in sightings})
-    picked = {frames[k] for k in pick_evenly(len(frames), config.disagreement.most_frames)}
+    picked = {frames[k] for k in pick_evenly(len(frames), _SAMPLED)}
     used = [s for s in sightings if s.frame in picked and s.view in views]
     found = [_compare_camera(scene, target, used, view, views, config) for view in views]
     return [trial for trial in found if trial is not None]
@@ -82,16 +89,24 @@ def find_outlier_camera(
 ) -> CameraComparison | None:
     """Find the camera that fits the others much worse than they fit each other.
 
-    `config.inconsistent` says how many times worse; None if no camera does.
+    An outlier also raises the errors of the others, but not by as much as its own; a board that is
+    bent raises all. None if no camera does.
     """
     if len(found) < _FEWEST:
         return None
     scores = np.array([trial.own / max(trial.others, 1e-9) for trial in found])
     worst = int(scores.argmax())
     usual = float(np.median(np.delete(scores, worst)))
-    # An outlier also raises the errors of the others, but not by as much as its own.
-    limit = config.inconsistent * max(1.0, min(usual, config.disagreement.usual))
-    return found[worst] if scores[worst] > limit and found[worst].own > config.noise else None
+    counts = [len(trial.sightings) for trial in found]
+    limit = np.sqrt(_limit_ratio(config, counts[worst], sum(counts) - counts[worst]))
+    clear = scores[worst] > limit * max(1.0, usual) and found[worst].own > config.noise
+    return found[worst] if clear else None
+
+
+def _limit_ratio(config: CalibrationConfig, first: int, second: int) -> float:
+    """Return the ratio of two variances, of so many independent errors, that chance exceeds at the
+    rate of false alarms."""
+    return float(scipy.stats.f.ppf(1 - config.false_alarms, first, second))
 
 
 def explain_disagreement(
@@ -103,14 +118,14 @@ def explain_disagreement(
     """
     view, scene = trial.view, trial.scene
     every = [s for s in every if s.view == view and s.frame in scene.poses]
-    every = [every[k] for k in pick_evenly(len(every), config.disagreement.most_own)]
+    every = [every[k] for k in pick_evenly(len(every), _SAMPLED)]
     guesses = [
         _test_moved(scene, target, every, config),
         _test_late(scene, target, every, config),
         _test_lens(trial, target, config),
     ]
     left, text = min(guesses)
-    if left > config.disagreement.remaining * trial.own:
+    if trial.own**2 < _limit_ratio(config, len(every), len(every)) * left**2:
         return "it was moved, filmed something else, or its lens or focus changed"
     return f"{text} ({left:.1f} px then)"
 
@@ -158,7 +173,7 @@ def _test_moved(
 def _test_late(
     scene: CalibrationScene, target: Target, sightings: list[Sighting], config: CalibrationConfig
 ) -> tuple[float, str]:
-    best, most = (np.inf, ""), config.disagreement.delay
+    best, most = (np.inf, ""), _MOST_LATE
     for late in (*range(-most, 0), *range(1, most + 1)):
         shifted = [replace(s, frame=s.frame - late * target.boards) for s in sightings]
         shifted = [s for s in shifted if s.frame in scene.poses]
@@ -207,7 +222,8 @@ def find_wrong_intrinsics(
         ratios, fitted = _free_intrinsics(scene, target, sightings, views, tuple(found), config)
         worst = max(ratios, key=lambda view: ratios[view])
         usual = float(np.median([ratios[view] for view in ratios if view != worst] or [1.0]))
-        if ratios[worst] < config.disagreement.wrong_lens * max(1.0, usual):
+        count = sum(sighting.view == worst for sighting in sightings)
+        if ratios[worst] < _limit_ratio(config, _PARAMETERS, count) * max(1.0, usual):
             break
         found[worst] = fitted[worst]
     return found

@@ -9,8 +9,7 @@ import cv2
 import numpy as np
 
 from psfs.calibration.calibrator import CalibrationResult
-from psfs.calibration.coverage import CELLS
-from psfs.calibration.report import ViewReport
+from psfs.calibration.report import CELLS, ViewReport
 from psfs.common.files import write_atomically
 
 if TYPE_CHECKING:
@@ -106,7 +105,7 @@ def _draw_coverage(
         pale = 255 - (255 - cv2.cvtColor(picture, cv2.COLOR_BGR2RGB)) // 2
         axes.imshow(pale, extent=(-0.5, width - 0.5, height - 0.5, -0.5))
     step = width / CELLS[0], height / CELLS[1]
-    for row, column in zip(*np.nonzero(~view.cells), strict=True):
+    for row, column in zip(*np.nonzero(~view.coverage.cells), strict=True):
         corner = column * step[0] - 0.5, row * step[1] - 0.5
         axes.add_patch(Rectangle(corner, *step, fill=False, hatch="///", ec="#707070", lw=0))
     order = np.argsort(view.errors)
@@ -116,7 +115,7 @@ def _draw_coverage(
     )  # fmt: skip
     figure.colorbar(drawn, ax=axes, label="reprojection error, px", shrink=0.8)
     axes.set(xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5), aspect="equal")
-    covered = f"points in {100 * view.coverage:.0f} % of the picture (hatched: none)"
+    covered = f"points in {100 * view.coverage.share:.0f} % of the picture (hatched: none)"
     axes.set_title(f"{view.camera.name}: {covered}", loc="left", fontweight="bold")
 
 
@@ -133,11 +132,11 @@ def _draw_histogram(axes: Axes, view: ViewReport) -> None:
 def _draw_text(axes: Axes, view: ViewReport) -> None:
     import textwrap
 
-    figures, camera = view.figures(), view.camera
+    figures, camera, seen = view.figures(), view.camera, view.coverage
     lines = [
         f"error, px: mean {figures['mean']:.3f}, median {figures['median']:.3f}, "
         f"95 % {figures['p95']:.3f}",
-        f"{view.frames} frames, at most {view.shared} shared with another camera, "
+        f"{seen.frames} frames, at most {seen.shared} shared with another camera, "
         f"{view.dropped} left out as false",
         f"focal length {camera.K[0, 0]:.1f}, {camera.K[1, 1]:.1f} px; centre "
         f"{camera.K[0, 2]:.1f}, {camera.K[1, 2]:.1f}",

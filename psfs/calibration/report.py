@@ -2,44 +2,98 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from psfs.calibration.calibrator import CalibrationResult
 from psfs.calibration.config import CalibrationConfig
-from psfs.calibration.coverage import Coverage, find_cells
 from psfs.calibration.scene import all_reprojection_errors, rms
-from psfs.calibration.targets.target import group_by_view
+from psfs.calibration.start.placing import count_shared_frames
+from psfs.calibration.targets.target import Sighting, group_by_view
 from psfs.cameras.camera import Camera
 
 #: Reprojection errors, px: up to the first good, above the second unusable.
 _GOOD, _BAD = 1.0, 3.0
 
 
+#: Cells of a picture, across and down, for measuring coverage.
+CELLS = (8, 6)
+
+
+@dataclass(frozen=True, eq=False)
+class Coverage:
+    """One camera's sightings of the target, counted.
+
+    frames: number of frames with the target. shared: most frames shared with one other camera; None
+    if no other camera is needed. cells: (6, 8) bool, which cells of the picture held points.
+    """
+
+    frames: int
+    shared: int | None
+    cells: np.ndarray
+
+    @property
+    def share(self) -> float:
+        """Share of the picture's cells that held points."""
+        return float(self.cells.mean())
+
+    def list_gaps(self, target: str, lenses_known: bool, config: CalibrationConfig) -> list[str]:
+        """List what is missing, and what to do about it. target: its name."""
+        gaps = []
+        if self.frames < config.few_frames:
+            gaps.append(
+                f"sees too little: the {target} in {self.frames} frames, expected "
+                f"{config.few_frames} or more; wave it longer where this camera looks"
+            )
+        elif self.shared is not None and self.shared < config.few_frames:
+            gaps.append(
+                f"sees too little together with others: {self.shared} frames, expected "
+                f"{config.few_frames} or more; hold the {target} where two cameras see it at once"
+            )
+        if not lenses_known and self.share < config.coverage:
+            gaps.append(
+                f"sees the {target} in {100 * self.share:.0f} % of its picture, expected "
+                f"{100 * config.coverage:.0f} or more: bring it nearer and into the corners, or "
+                "use known lenses (--intrinsics)"
+            )
+        return gaps
+
+
+def measure_coverage(cameras: Sequence[Camera], sightings: Sequence[Sighting]) -> list[Coverage]:
+    """Return the coverage of each camera."""
+    shared = count_shared_frames(sightings, len(cameras))
+    found = []
+    for view, own in enumerate(group_by_view(sightings, len(cameras))):
+        pixels = np.concatenate([s.pixels for s in own] or [np.zeros((0, 2))])
+        others = int(np.delete(shared[view], view).max(initial=0))
+        found.append(Coverage(len(own), others, find_cells(pixels, cameras[view].size)))
+    return found
+
+
+def find_cells(pixels: np.ndarray, size: tuple[int, int]) -> np.ndarray:
+    """Return which cells (6, 8) bool of a picture of `size` hold one of the pixels (N, 2)."""
+    cells = np.zeros(CELLS[::-1], bool)
+    at = (pixels / size * CELLS).astype(int).clip(0, np.array(CELLS) - 1)
+    cells[at[:, 1], at[:, 0]] = True
+    return cells
+
+
 @dataclass(frozen=True, eq=False)
 class ViewReport:
     """The sightings of one camera.
 
-    frames: number of frames with the target. shared: most frames shared with one other camera.
-    pixels: (N, 2) of its points. errors: (N,) px. cells: (6, 8) bool, which cells hold points.
-    dropped: sightings rejected as false. faults: what is wrong and what to do.
+    coverage: of its picture. pixels: (N, 2) of its points. errors: (N,) px. dropped: sightings
+    rejected as false. faults: what is wrong and what to do.
     """
 
     camera: Camera
-    frames: int
-    shared: int
+    coverage: Coverage
     pixels: np.ndarray
     errors: np.ndarray
-    cells: np.ndarray
     dropped: int
-    faults: tuple[str, ...] = ()
-
-    @property
-    def coverage(self) -> float:
-        """Share of the picture's cells that held points."""
-        return float(self.cells.mean())
+    faults: tuple[str, ...]
 
     def figures(self) -> dict[str, float]:
         """Return mean, median, 95th percentile and root mean square of the errors, px."""
@@ -56,25 +110,28 @@ def summarise_views(
     result: CalibrationResult, lenses_known: bool, config: CalibrationConfig
 ) -> list[ViewReport]:
     """Summarise what every camera saw, and its faults."""
+    cameras = result.scene.cameras
     found = []
-    own = group_by_view(result.sightings, len(result.scene.cameras))
-    for view, camera in enumerate(result.scene.cameras):
-        sightings = own[view]
+    for view, seen in enumerate(measure_coverage(cameras, result.sightings)):
+        sightings = [sighting for sighting in result.sightings if sighting.view == view]
         pixels = np.concatenate([s.pixels for s in sightings] or [np.zeros((0, 2))])
         errors = all_reprojection_errors(result.scene, result.target, sightings)
-        cells = find_cells(pixels, camera.size)
         shared = int(np.delete(result.shared[view], view).max(initial=0))
-        dropped = result.dropped[camera.name]
-        report = ViewReport(camera, len(sightings), shared, pixels, errors, cells, dropped)
-        found.append(replace(report, faults=_list_faults(result, report, lenses_known, config)))
+        seen = replace(seen, shared=shared)
+        faults = _list_faults(result, cameras[view].name, seen, lenses_known, config)
+        dropped = result.dropped[cameras[view].name]
+        found.append(ViewReport(cameras[view], seen, pixels, errors, dropped, faults))
     return found
 
 
 def _list_faults(
-    result: CalibrationResult, view: ViewReport, lenses_known: bool, config: CalibrationConfig
+    result: CalibrationResult,
+    name: str,
+    seen: Coverage,
+    lenses_known: bool,
+    config: CalibrationConfig,
 ) -> tuple[str, ...]:
     """List what is wrong with a camera and what to do."""
-    name, what = view.camera.name, result.target.name
     faults = []
     if name in result.disagreeing:
         faults.append(
@@ -86,8 +143,8 @@ def _list_faults(
             f"{result.misfits[name]}; calibrate without --intrinsics, or with those of these "
             "pictures' size and zoom"
         )
-    seen = Coverage(view.frames, view.shared if result.target.known is None else None, view.cells)
-    return (*faults, *seen.list_gaps(what, lenses_known, config))
+    needed = seen if result.target.known is None else replace(seen, shared=None)
+    return (*faults, *needed.list_gaps(result.target.name, lenses_known, config))
 
 
 def judge_calibration(views: list[ViewReport]) -> str:
@@ -133,11 +190,11 @@ def calibration_summary(
 def _view_summary(view: ViewReport) -> dict[str, object]:
     camera = view.camera
     return {
-        "frames": view.frames,
+        "frames": view.coverage.frames,
         "points": len(view.errors),
         "left_out_as_false": view.dropped,
         "reprojection_px": {key: round(value, 4) for key, value in view.figures().items()},
-        "coverage": round(view.coverage, 3),
+        "coverage": round(view.coverage.share, 3),
         "position_m": camera.centre.round(5).tolist(),
         "focal_px": [round(camera.K[0, 0], 3), round(camera.K[1, 1], 3)],
         "centre_px": camera.K[:2, 2].round(3).tolist(),

@@ -318,5 +318,6 @@ def _table(found: list[ViewReport]) -> Table:
         table.add_column(title, justify="right")
     for view in found:
         figures = [f"{view.figures()[key]:.2f}" for key in ("mean", "median", "p95")]
-        table.add_row(view.camera.name, *figures, str(view.frames), f"{100 * view.coverage:.0f} %")
+        seen = view.coverage
+        table.add_row(view.camera.name, *figures, str(seen.frames), f"{100 * seen.share:.0f} %")
     return table

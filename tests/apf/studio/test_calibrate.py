@@ -22,7 +22,7 @@ from apf.studio.page import Page
 from apf.studio.target_fields import CHESSBOARD, PERSON, WAND
 from cl import Device, InputError, NumpyDevice
 from psfs.calibration.config import CalibrationConfig
-from psfs.calibration.coverage import Coverage
+from psfs.calibration.report import Coverage
 from psfs.calibration.targets.detection import open_uncalibrated
 from psfs.footage.settings import SequenceSettings
 from psfs.output.video import write_video
