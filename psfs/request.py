@@ -13,7 +13,7 @@ from psfs.common.config import part
 from psfs.common.files import resolve_path
 from psfs.common.ranges import check_number
 from psfs.common.requests import Flag, Group, Part, Presets, Request
-from psfs.diagnostics.definitions import DEFINITION
+from psfs.diagnostics.config import DEFINITION
 from psfs.footage.folder import check_folder
 from psfs.footage.settings import SequenceSettings, join_delays, split_delays
 from psfs.mesh.config import FORMATS as MESH_FORMATS

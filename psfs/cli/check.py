@@ -15,7 +15,7 @@ from psfs.common.numbers import json_number
 from psfs.common.outputs import output_folder
 from psfs.diagnostics.cloud_scores import DEFINITION as CLOUD_DEFINITION
 from psfs.diagnostics.cloud_scores import CloudScore, mean_scores, score_cloud
-from psfs.diagnostics.definitions import DEFINITION
+from psfs.diagnostics.config import DEFINITION
 from psfs.diagnostics.examination import Examination
 from psfs.diagnostics.fault import Fault
 from psfs.diagnostics.faults import diagnose

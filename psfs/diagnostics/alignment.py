@@ -9,17 +9,25 @@ half of the frames and judged by the other half.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import cv2
 import numpy as np
 
-from psfs.cameras.camera import CameraRig
+from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.rig_geometry import intersect_axes_ahead
 from psfs.diagnostics.config import AlignmentConfig, FaultConfig
+from psfs.diagnostics.frontier import (
+    FrontierPoints,
+    SilhouetteContours,
+    epipolar_residuals,
+    find_frontier_points,
+)
 from psfs.diagnostics.hulls import HullRays
 from psfs.diagnostics.limbs import LimbViews
-from psfs.diagnostics.refinement import N_PARAMETERS, RigCorrections, RigFit
+from psfs.diagnostics.refinement import N_PARAMETERS, RigCorrections, correct_cameras, fit_rig
 from psfs.diagnostics.small_views import LARGE_SIDE, Outline, SmallViews, small_views
 from psfs.session import Session
 
@@ -32,6 +40,8 @@ _LEAST_MOVED = 1.6 / 640
 _SHARE, _COARSE_SHARE = 0.5, 0.75
 #: Length of the stretches that are alternately fitted and held out, frames.
 _BLOCK = 10
+#: Distances up to which points are matched, one per matching, relative to the last one.
+_GATES = (4.0, 4.0, 2.0, 1.0)
 #: Most last matchings of all frames, which end when the times change by less, frames.
 _LAST, _SETTLED = 5, 0.005
 
@@ -131,34 +141,46 @@ def estimate_alignment(
     config = config or AlignmentConfig()
     if not config.on or len(rig) < 3:
         return None
-    fit = RigFit(small, outlines, config)
+    contours = [SilhouetteContours([row[v] for row in outlines]) for v in range(len(rig))]
+    scene = intersect_axes_ahead(small)
     fitted = (np.arange(len(outlines)) // _BLOCK) % 2 == 0
-    before = fit.measure(np.zeros((len(rig), N_PARAMETERS)), ~fitted)
-    half = fit.solve(fitted) if before > sound else None
-    if half is None:
-        return None
-    after = fit.measure(half.values, ~fitted)
-    hulls = [HullRays(own, [row[view] for row in outlines]) for view, own in enumerate(small)]
-    found = _settle(fit, half, LimbViews.create(hulls, fit.contours, config.limbs))
-    if found is None or not np.isfinite([before, after]).all():
-        return None
-    corrected = found.apply(rig)
-    side = max(small.width, small.height)
-    return Alignment(corrected, found, before, after, _measure_motion(rig, corrected), side)
 
+    def find(
+        cameras: Sequence[Camera], gate: float, late: np.ndarray,
+        frames: np.ndarray | None = None, bend: float = config.bend,
+    ) -> FrontierPoints:  # fmt: skip
+        points = find_frontier_points(cameras, contours, scene, gate, bend, late)
+        return points if frames is None else points.select(frames[points.frames])
 
-def _settle(fit: RigFit, found: RigCorrections | None, views: LimbViews) -> RigCorrections | None:
-    """Return the corrections fitted to all frames, and to points on limbs' axes: points are matched
-    and corrections estimated in turn until the times stay. None if there are too few points."""
+    def measure(values: np.ndarray) -> float:
+        """Return the median residual, px, in the held-out frames, of steady tips."""
+        cameras = correct_cameras(small, values)
+        points = find(cameras, config.gate, values[:, 7], ~fitted, 0.5 * config.bend)
+        residuals, _ = epipolar_residuals(cameras, points, values[:, 7])
+        return float(np.median(np.abs(residuals))) if len(points) else float("nan")
+
+    before = measure(np.zeros((len(rig), N_PARAMETERS)))
+    if not before > sound:
+        return None
+    gates = [config.gate * share for share in _GATES]
+    last = fit_rig(small, gates, partial(find, frames=fitted), config)
+    if last is None:
+        return None
+    after = measure(last.values)
+    hulls = [HullRays(camera, [row[v] for row in outlines]) for v, camera in enumerate(small)]
+    views = LimbViews.create(hulls, contours, config.limbs)
     for _ in range(_LAST):
-        if found is None:
+        limbs = views.find_points(last.apply(small).cameras, -last.offsets)
+        further = [limbs.bind(np.zeros(len(small)))]
+        corrections = fit_rig(small, gates[-1:], find, config, last.values, further)
+        if corrections is None or not np.isfinite(after):
             return None
-        limbs = views.find_points(found.apply(fit.rig).cameras, -found.offsets)
-        further = limbs.bind(np.zeros(len(fit.rig)))
-        before, found = found, fit.solve(start=found.values, rounds=1, further=further)
-        if found is not None and np.abs(found.offsets - before.offsets).max() < _SETTLED:
+        last, before_last = corrections, last
+        if np.abs(last.offsets - before_last.offsets).max() < _SETTLED:
             break
-    return found
+    corrected = last.apply(rig)
+    side = max(small.width, small.height)
+    return Alignment(corrected, last, before, after, _measure_motion(rig, corrected), side)
 
 
 def _measure_motion(before: CameraRig, after: CameraRig) -> np.ndarray:

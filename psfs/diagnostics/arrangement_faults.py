@@ -287,12 +287,12 @@ def _accuse(evidence: Evidence, view: int, agreement: CameraAgreement, number: i
     name = evidence.names[view]
     before = float(np.nanmean(agreement.with_others(number)))
     after = float(np.nanmean(agreement.without(number)))
-    reasons = [f.text for f in evidence.known if f.serious and f.cameras == (name,)]
-    why = reasons[0] if reasons else _explain_outlier(evidence, view)
     text = (
         f"camera {name} disagrees with the others: with it {before:.0%} of their silhouettes lie "
-        f"outside the common hull, without it {after:.0%}; {why}"
+        f"outside the common hull, without it {after:.0%}"
     )
+    if evidence.find_cause([name]) is None:
+        text = f"{text}; {_explain_outlier(evidence, view)}"
     return Fault("disagrees", (name,), text, spoils=True)
 
 

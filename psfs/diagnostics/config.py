@@ -1,10 +1,20 @@
-"""Settings of the diagnostics."""
+"""Settings of the diagnostics, and definitions of their scores."""
 
 from __future__ import annotations
 
 from typing import ClassVar
 
 from psfs.common.config import Config, fraction, natural, nonnegative, part, positive, setting
+
+#: Parts of a silhouette smaller than this share of its largest part are speckle.
+SPECKLE_SHARE = 0.02
+
+DEFINITION = (
+    "IoU of the reprojected surface voxels with the silhouette that they were made of: the pixels "
+    "whose silhouette likelihood is above 0.5, within the projection of the reconstruction volume "
+    "and beyond it where a part lies mostly within, "
+    f"less speckle (5x5 median; parts under {SPECKLE_SHARE:.0%} of the largest one)"
+)
 
 
 class LimbConfig(Config):

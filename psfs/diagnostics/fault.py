@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import ClassVar
 
@@ -60,9 +60,21 @@ class Evidence:
         spoilt = {name for fault in self.known if fault.spoils for name in fault.cameras}
         return [view for view, name in enumerate(self.names) if name not in spoilt]
 
-    def is_named(self, name: str) -> bool:
-        """Return whether a serious fault of this camera is known."""
-        return any(name in fault.cameras for fault in self.known if fault.serious)
+    def find_cause(self, cameras: Iterable[str]) -> Fault | None:
+        """Return the first serious fault that names all of these cameras, if there is one."""
+        serious = (fault for fault in self.known if fault.serious)
+        return next((fault for fault in serious if set(cameras) <= set(fault.cameras)), None)
+
+    def add(self, fault: Fault) -> None:
+        """Add a fault. Cameras are named once: of two faults the one that spoils them stays, with
+        the other's text as its cause."""
+        cause = self.find_cause(fault.cameras) if fault.serious and fault.cameras else None
+        if cause is not None:
+            if not fault.spoils or cause.spoils:
+                return
+            fault = replace(fault, text=f"{fault.text}; {cause.text}", offset=cause.offset)
+            self.known = [one for one in self.known if one.cameras != fault.cameras]
+        self.known.append(fault)
 
     @cached_property
     def tangency(self) -> Tangency:

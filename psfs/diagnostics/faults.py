@@ -64,9 +64,7 @@ def _find_faults(session: Session) -> Diagnosis:
         if isinstance(kind, Rearranged | Late | Disagreeing) and _is_incomparable(evidence):
             continue
         for fault in list(kind.find(evidence)):
-            new = not (fault.cameras and all(evidence.is_named(name) for name in fault.cameras))
-            if new or fault.spoils or not fault.serious:
-                evidence.known.append(fault)
+            evidence.add(fault)
     rearranged = [fault for fault in evidence.known if fault.kind in _REARRANGED]
     faults = rearranged[:1] or sorted(evidence.known, key=lambda fault: not fault.spoils)
     return Diagnosis(faults, views)

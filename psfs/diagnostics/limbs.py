@@ -10,18 +10,19 @@ the first camera tells the place. The points are eliminated from the normal equa
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
+from functools import partial
 
 import numpy as np
 
 from psfs.cameras.camera import Camera
-from psfs.common.least_squares import REACH
+from psfs.common.least_squares import Parameters, Residuals, Slope, solve
 from psfs.common.progress import map_in_threads
 from psfs.diagnostics.config import LimbConfig
 from psfs.diagnostics.frontier import SilhouetteContours
 from psfs.diagnostics.hulls import HullRays
 from psfs.diagnostics.medial_axes import OPPOSITE, MedialAxes
-from psfs.diagnostics.refinement import N_PARAMETERS, Measure
+from psfs.diagnostics.refinement import N_PARAMETERS, Further
 from psfs.diagnostics.sights import PersonPlace, Sight, find_person
 from psfs.footage.camera_times import INDEPENDENT_SHARE
 
@@ -45,7 +46,7 @@ class _Traced:
 
     times: (S,) frames of the first camera. firsts: (S,) the cameras in which they were chosen.
     points: (S, 3). known: (S, V) bool. frames: (S, V) the picture before the time. across: (S, V,
-    2) unit vectors across the axis. places: (S, V, 2, 2) on the axis in the pictures before and
+    2) unit vectors across the axis. pixels: (S, V, 2, 2) on the axis in the pictures before and
     after, px from the principal point.
     """
 
@@ -55,7 +56,7 @@ class _Traced:
     known: np.ndarray
     frames: np.ndarray
     across: np.ndarray
-    places: np.ndarray
+    pixels: np.ndarray
 
     def select(self, kept: np.ndarray) -> _Traced:
         return _Traced(*(getattr(self, field.name)[kept] for field in fields(self)))
@@ -92,80 +93,74 @@ class LimbPoints:
         person: PersonPlace, config: LimbConfig,
     ) -> None:  # fmt: skip
         self.config = config
-        found = [
+        chosen = [
             _find_points(view, cameras, lags, axes, person, config) for view in range(len(cameras))
         ]
-        self._traced = _trace(cameras, lags, axes, found)
+        self._traced = _trace(cameras, lags, axes, chosen)
+        self._items, self._views = np.nonzero(self._traced.known)
+        if len(self):  # the depths that were tried are steps apart
+            held = np.zeros((len(cameras), N_PARAMETERS))
+            moved = solve(
+                partial(self._measure, cameras, lags),
+                {"cameras": held, "limbs": np.zeros((len(self), 3))},
+                steps=3, eliminate=["limbs"], free={"cameras": held > 0},
+            ).parameters["limbs"]  # fmt: skip
+            self._traced = replace(self._traced, points=self._traced.points + moved)
 
     def __len__(self) -> int:
         return len(self._traced.times)
 
-    def bind(self, shifts: np.ndarray) -> Measure:
-        """Return the measurements in shifted frames, for `RigFit`."""
-        return lambda cameras, offsets: self(cameras, shifts - offsets)
-
-    def __call__(
-        self, cameras: Sequence[Camera], lags: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Return the normal matrix (8 V, 8 V) and the gradient (8 V,) at cameras and lags (V,)."""
-        size = len(cameras) * N_PARAMETERS
+    def bind(self, shifts: np.ndarray) -> Further:
+        """Return the measurements in shifted frames, for `fit_rig`."""
         if not len(self):
-            return np.zeros((size, size)), np.zeros(size)
-        residuals, by_camera, by_point, known = self._differentiate(cameras, lags)
-        typical = float(np.median(np.abs(residuals[..., 0][self._traced.known])))
-        noise = max(self.config.noise, 1.4826 * typical)
-        robust = 1 + (residuals[..., :1] / (REACH * noise)) ** 2
-        roots = np.sqrt(INDEPENDENT_SHARE * known) / (noise * robust)
-        n, views = residuals.shape[:2]
-        rows = np.zeros((n, views, 2, views, N_PARAMETERS))
-        for view in range(views):
-            rows[:, view, :, view] = roots[:, view, :, None] * by_camera[:, view]
-        stacked = rows.reshape(n, 2 * views, size)
-        points = (roots[..., None] * by_point).reshape(n, 2 * views, 3)
-        values = (roots * residuals).reshape(n, 2 * views)
-        flat = rows.reshape(-1, size)
-        mixed = stacked.transpose(0, 2, 1) @ points
-        own = points.transpose(0, 2, 1) @ points + 1e-9 * np.eye(3)
-        solved = np.linalg.solve(own, mixed.transpose(0, 2, 1)).reshape(-1, size)
-        moved = np.einsum("nki,nk->ni", points, values).reshape(-1)
-        normal = flat.T @ flat - mixed.transpose(0, 2, 1).reshape(-1, size).T @ solved
-        return normal, flat.T @ values.ravel() - solved.T @ moved
+            return Further({}, lambda *_: [])
+        return Further(
+            {"limbs": np.zeros((len(self), 3))},
+            lambda cameras, offsets, moves: self._measure(cameras, shifts - offsets, moves),
+        )
 
-    def _differentiate(
-        self, cameras: Sequence[Camera], lags: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Return residuals (S, V, 2) px across and along the axes, their derivatives by the camera
-        (S, V, 2, 8), as in `RigCorrections`, and by the point (S, V, 2, 3), and how much each
-        counts (S, V, 2)."""
-        traced = self._traced
-        R, centres = np.stack([c.R for c in cameras]), np.stack([c.centre for c in cameras])
-        focal = np.array([camera.K[0, 0] for camera in cameras])
-        share = (traced.times[:, None] + lags - traced.frames)[..., None]
-        before, after = traced.places[:, :, 0], traced.places[:, :, 1]
-        places, rates = (1 - share) * before + share * after, after - before
-        across = traced.across
-        bases = np.stack([across, np.stack([-across[..., 1], across[..., 0]], -1)], -2)
-        known = np.stack([traced.known, np.zeros(traced.known.shape)], -1)
-        known[np.arange(len(known)), traced.firsts, 1] = _ALONG
-        points = traced.points
-        for _ in range(3):
-            local = np.einsum("vij,nvj->nvi", R, points[:, None] - centres)
-            seen = focal[:, None] * local[..., :2] / local[..., 2:]
-            slopes = np.zeros((*seen.shape, 3))
-            slopes[..., 0, 0] = slopes[..., 1, 1] = focal
-            slopes[..., 2] = -seen
-            slopes = bases @ (slopes / local[..., 2, None, None])
-            residuals = np.einsum("nvij,nvj->nvi", bases, seen - places)
-            by_point = slopes @ R
-            total = np.einsum("nvi,nvik,nvil->nkl", known, by_point, by_point)
-            pull = np.einsum("nvi,nvik,nvi->nk", known, by_point, residuals)
-            points = points - np.linalg.solve(total + 1e-9 * np.eye(3), pull[..., None])[..., 0]
-        by_camera = np.empty((*residuals.shape, N_PARAMETERS))
-        by_camera[..., :3] = np.cross(local[..., None, :], slopes)
-        by_camera[..., 3:6] = -by_point
-        by_camera[..., 6] = np.einsum("nvij,nvj->nvi", bases, seen)
-        by_camera[..., 7] = np.einsum("nvij,nvj->nvi", bases, rates)
-        return residuals, by_camera, by_point, known
+    def _measure(
+        self, cameras: Sequence[Camera], lags: np.ndarray, parameters: Parameters
+    ) -> list[Residuals]:
+        """Return the residuals, px, across the axes, of points moved by `parameters`, and along the
+        axis of the first camera, which fixes the point and tells no camera anything."""
+        traced, items, views = self._traced, self._items, self._views
+        points = (traced.points + parameters["limbs"])[items]
+        focal = np.array([camera.K[0, 0] for camera in cameras])[views]
+        R = np.stack([camera.R for camera in cameras])[views]
+        centres = np.stack([camera.centre for camera in cameras])[views]
+        share = (traced.times[items] + lags[views] - traced.frames[items, views])[:, None]
+        before, after = traced.pixels[items, views].swapaxes(0, 1)
+        local = np.einsum("mij,mj->mi", R, points - centres)
+        seen = focal[:, None] * local[:, :2] / local[:, 2:]
+        away = seen - (1 - share) * before - share * after
+        across = traced.across[items, views]
+        along = np.stack([-across[:, 1], across[:, 0]], -1)
+
+        def differentiate(axis: np.ndarray) -> np.ndarray:
+            """Return the derivatives (M, 3) of pixels along an axis by the point, in the camera's
+            axes."""
+            pull = -(axis * seen).sum(1, keepdims=True)
+            return np.hstack([focal[:, None] * axis, pull]) / local[:, 2:]
+
+        slopes = differentiate(across)
+        by_point = np.einsum("mi,mij->mj", slopes, R)
+        by_camera = np.empty((len(items), 1, N_PARAMETERS))
+        by_camera[:, 0, :3] = np.cross(local, slopes)
+        by_camera[:, 0, 3:6] = -by_point
+        by_camera[:, 0, 6] = (across * seen).sum(1)
+        by_camera[:, 0, 7] = (across * (after - before)).sum(1)
+        both = [Slope("cameras", views, by_camera), Slope("limbs", items, by_point[:, None])]
+        found = Residuals(
+            (away * across).sum(1), both, weights=INDEPENDENT_SHARE, least=self.config.noise
+        )
+        first = views == traced.firsts[items]
+        by_first = np.einsum("mi,mij->mj", differentiate(along), R)[first, None]
+        fixed = Residuals(
+            (away * along).sum(1)[first], [Slope("limbs", items[first], by_first)],
+            sigma=self.config.noise, weights=INDEPENDENT_SHARE * _ALONG, robust=False,
+        )  # fmt: skip
+        return [found, fixed]
 
 
 def _find_points(

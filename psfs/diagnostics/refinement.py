@@ -15,25 +15,24 @@ import numpy as np
 
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.rig_geometry import intersect_axes_ahead
-from psfs.common.least_squares import LEAST_GROUP, REACH
-from psfs.diagnostics.config import AlignmentConfig
-from psfs.diagnostics.frontier import (
-    FrontierPoints,
-    SilhouetteContours,
-    epipolar_residuals,
-    find_frontier_points,
+from psfs.common.least_squares import (
+    Parameters,
+    Residuals,
+    Slope,
+    estimate_noise,
+    prior,
+    solve,
 )
-from psfs.diagnostics.small_views import Outline
+from psfs.diagnostics.config import AlignmentConfig
+from psfs.diagnostics.frontier import FrontierPoints, epipolar_residuals
 
 #: Parameters of a camera's correction: rotation vector in its axes, rad; shift of its centre, m;
 #: log of the focal length's factor; offset in time, frames.
 N_PARAMETERS = 8
 #: Extent of the points around the scene's middle that are held, m, and how firmly, m.
-_AROUND, _HELD = (0.4, 0.4, 0.8), 5e-4
-#: Matchings of the frontier points, and Gauss-Newton steps after each.
-_ROUNDS, _STEPS = 4, 2
-#: Greatest change of the speed, px per frame^2, of the tips by which a correction is judged.
-_JUDGED_BEND = 1.0
+_EXTENT, _HELD = (0.4, 0.4, 0.8), 5e-4
+#: Steps after each matching, and uncertainty of the times in the last one, frames.
+_STEPS, _TIME = 2, 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,8 +56,12 @@ class RigCorrections:
 
     def apply(self, cameras: Iterable[Camera]) -> CameraRig:
         """Return the corrected cameras."""
-        pairs = zip(cameras, self.values, strict=True)
-        return CameraRig(tuple(correct_camera(camera, own) for camera, own in pairs))
+        return CameraRig(correct_cameras(cameras, self.values))
+
+
+def correct_cameras(cameras: Iterable[Camera], corrections: np.ndarray) -> tuple[Camera, ...]:
+    """Return the cameras, corrected by (V, 8)."""
+    return tuple(correct_camera(*pair) for pair in zip(cameras, corrections, strict=True))
 
 
 def correct_camera(camera: Camera, correction: np.ndarray) -> Camera:
@@ -69,158 +72,118 @@ def correct_camera(camera: Camera, correction: np.ndarray) -> Camera:
     return replace(camera, K=K, R=R, t=-R @ (camera.centre + correction[3:6]))
 
 
-#: Find the points of given cameras that agree to a number of pixels, of tips whose speed changes by
-#: less than another; the last argument: (V,) frames by which each camera takes its pictures late.
-Find = Callable[[Sequence[Camera], float, float, np.ndarray], FrontierPoints]
-#: Return the normal matrix (8 V, 8 V) and the gradient (8 V,) of further measurements at given
-#: cameras and offsets (V,) in time, frames.
-Measure = Callable[[Sequence[Camera], np.ndarray], tuple[np.ndarray, np.ndarray]]
+#: Find the points of given cameras that agree to a number of pixels; the last argument: (V,) frames
+#: by which each camera takes its pictures late.
+Find = Callable[[Sequence[Camera], float, np.ndarray], FrontierPoints]
 
 
-class RigFit:
-    """Corrections of a rig to outlines [frame][view] in pictures of its size.
+@dataclass(frozen=True, eq=False)
+class Further:
+    """Further measurements of cameras.
 
-    contours: of each view. find: finds the points instead, without outlines. group: numbers (M,) of
-    the groups of points whose noise is estimated apart.
+    start: blocks of parameters besides those of the cameras, by name; they are eliminated. measure:
+    returns the residuals at cameras, offsets (V,) in time, frames, and these parameters.
     """
 
-    def __init__(
-        self,
-        rig: CameraRig,
-        outlines: Sequence[Sequence[Outline | None]],
-        config: AlignmentConfig | None = None,
-        find: Find | None = None,
-        group: Callable[[FrontierPoints], np.ndarray] | None = None,
-    ) -> None:
-        self._group = group
-        self.rig, self.config = rig, config or AlignmentConfig()
-        self.contours = [SilhouetteContours([row[v] for row in outlines]) for v in range(len(rig))]
-        self.scene = scene = intersect_axes_ahead(rig)
-        self._search = find or (
-            lambda rig, gate, bend, late: find_frontier_points(
-                rig, self.contours, scene, gate, bend, late
-            )
+    start: Parameters
+    measure: Callable[[Sequence[Camera], np.ndarray, Parameters], Sequence[Residuals]]
+
+
+def fit_rig(
+    rig: CameraRig, gates: Sequence[float], find: Find, config: AlignmentConfig,
+    start: np.ndarray | None = None, further: Sequence[Further] = (),
+    group: Callable[[FrontierPoints], np.ndarray] | None = None,
+) -> RigCorrections | None:  # fmt: skip
+    """Return the corrections under which the points that `find` finds fit best.
+
+    None if there are too few. gates: px, one per matching of points; with wider ones times are less
+    certain, so that the residuals of fast points count less. start: (V, 8), no corrections by
+    default. group: numbers (M,) of the groups of points whose noise is estimated apart.
+    """
+    values = np.zeros((len(rig), N_PARAMETERS)) if start is None else start
+    sizes = [*3 * [config.turn], *3 * [config.shift], config.focal, config.time]
+    held = measure_scene_motion(rig) / _HELD
+    blocks = {name: block for more in further for name, block in more.start.items()}
+    for gate in gates:
+        points = find(correct_cameras(rig, values), gate, values[:, 7])
+        if len(points) < config.least_rows * values.size:
+            return None
+        groups = None if group is None else group(points)
+        uncertain = _TIME * gate / gates[-1]
+
+        def evaluate(
+            parameters: Parameters, points: FrontierPoints = points,
+            groups: np.ndarray | None = groups, uncertain: float = uncertain,
+        ) -> list[Residuals]:  # fmt: skip
+            changes = parameters["cameras"]
+            cameras = correct_cameras(rig, changes)
+            found = _measure_points(cameras, changes[:, 7], points, groups, uncertain, config)
+            residuals = [found, prior("cameras", changes, np.array(sizes)), _hold(held, changes)]
+            for more in further:
+                residuals += more.measure(cameras, changes[:, 7], parameters)
+            return residuals
+
+        solution = solve(
+            evaluate, {"cameras": values, **blocks}, steps=_STEPS, eliminate=list(blocks)
         )
-        self._held = self.scene_moves() / _HELD
+        values = solution.parameters["cameras"]
+        blocks = {name: solution.parameters[name] for name in blocks}
+    residual = float(np.median(np.abs(solution.residuals[0].values)))
+    return RigCorrections(values, solution.sigmas("cameras"), residual, len(points))
 
-    def measure(self, values: np.ndarray, frames: np.ndarray | None = None) -> float:
-        """Return the median residual, px, under corrections (V, 8); NaN without points."""
-        cameras = self._correct(values)
-        points = self._find(values, self.config.gate, _JUDGED_BEND, frames)
-        if not len(points):
-            return float("nan")
-        return float(np.median(np.abs(epipolar_residuals(cameras, points, values[:, 7])[0])))
 
-    def solve(
-        self, frames: np.ndarray | None = None, start: np.ndarray | None = None, rounds: int = 0,
-        further: Measure | None = None,
-    ) -> RigCorrections | None:  # fmt: skip
-        """Return the corrections under which the outlines of the frames (F,) bool fit best.
+def _measure_points(
+    cameras: Sequence[Camera], offsets: np.ndarray, points: FrontierPoints,
+    groups: np.ndarray | None, uncertain: float, config: AlignmentConfig,
+) -> Residuals:  # fmt: skip
+    """Return the residuals of frontier points. A tip that rests shows the same errors of the
+    silhouettes in many frames, and so counts less than one that moves."""
+    values, slopes = epipolar_residuals(cameras, points, offsets)
+    speeds = np.abs(slopes[:, 0, 7])
+    rest, half = config.information, config.half_speed
+    noise = estimate_noise(values, groups, config.noise)
+    both = [Slope("cameras", points.views[:, k], slopes[:, k, None]) for k in range(2)]
+    weights = rest + (1 - rest) * speeds / (speeds + half)
+    return Residuals(values, both, np.hypot(noise, uncertain * speeds), weights)
 
-        None if there are too few frontier points. start: (V, 8), no corrections by default. rounds:
-        matchings of frontier points, each with a narrower gate; by default the settings' number.
-        further: further measurements.
-        """
-        values = np.zeros((len(self.rig), N_PARAMETERS)) if start is None else start.copy()
-        config, rounds = self.config, rounds or _ROUNDS
-        for number in range(rounds):
-            late = rounds - 1 - number
-            points = self._find(values, config.gate * 2.0 ** min(late, 2), config.bend, frames)
-            if len(points) < config.least_rows * values.size:
-                return None
-            for _ in range(_STEPS):
-                step, covariance, residuals = self._step(values, points, late, further)
-                values = values + step
-        sigmas = np.sqrt(np.diag(covariance)).reshape(values.shape)
-        return RigCorrections(values, sigmas, float(np.median(np.abs(residuals))), len(points))
 
-    def _correct(self, values: np.ndarray) -> list[Camera]:
-        return [correct_camera(camera, own) for camera, own in zip(self.rig, values, strict=True)]
+def _hold(held: np.ndarray, values: np.ndarray) -> Residuals:
+    """Return the residuals of what is held (8, 8 V) at corrections (V, 8)."""
+    rows = held.reshape(len(held), *values.shape)
+    slopes = [
+        Slope("cameras", np.full(len(held), view), rows[:, view, None])
+        for view in range(len(values))
+    ]
+    return Residuals(held @ values.ravel(), slopes, sigma=1.0, robust=False)
 
-    def _find(
-        self, values: np.ndarray, gate: float, bend: float, frames: np.ndarray | None
-    ) -> FrontierPoints:
-        points = self._search(self._correct(values), gate, bend, values[:, 7])
-        return points if frames is None else points.select(frames[points.frames])
 
-    def _step(
-        self, values: np.ndarray, points: FrontierPoints, late: int, further: Measure | None
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return the Gauss-Newton step (V, 8), the covariance (8 V, 8 V) and the residuals, px.
+def measure_scene_motion(rig: CameraRig) -> np.ndarray:
+    """Return the derivatives (8, 8 V) of what silhouettes cannot tell by the corrections.
 
-        The residuals have Geman & McClure's weights, whose width grows with the points' speed as
-        long as the times are not yet known: `late` rounds before the last.
-        """
-        config, n = self.config, values.size
-        cameras = self._correct(values)
-        residuals, slopes = epipolar_residuals(cameras, points, values[:, 7])
-        by_camera = np.zeros((len(residuals), len(values), N_PARAMETERS))
-        rows = np.arange(len(residuals))
-        for side in range(2):
-            by_camera[rows, points.views[:, side]] = slopes[:, side]
-        jacobian = by_camera.reshape(len(residuals), n)
-        noise = self._estimate_noise(residuals, points)
-        speeds = slopes[:, 0, 7] * min(0.1 + 0.15 * late, 0.4)
-        widths = np.hypot(noise, speeds)
-        information = self._measure_information(np.abs(slopes[:, 0, 7]))
-        weights = information / (widths * (1 + (residuals / (REACH * widths)) ** 2)) ** 2
-        turn, shift, focal, time = config.turn, config.shift, config.focal, config.time
-        sigmas = np.tile([*3 * [turn], *3 * [shift], focal, time], len(values))
-        normal = (jacobian * weights[:, None]).T @ jacobian + np.diag(sigmas**-2.0)
-        normal += self._held.T @ self._held
-        gradient = jacobian.T @ (weights * residuals) + values.ravel() / sigmas**2
-        gradient += self._held.T @ (self._held @ values.ravel())
-        if further is not None:
-            more, pull = further(cameras, values[:, 7])
-            normal, gradient = normal + more, gradient + pull
-        covariance = np.linalg.inv(normal)
-        return -(covariance @ gradient).reshape(values.shape), covariance, residuals
-
-    def _measure_information(self, speeds: np.ndarray) -> np.ndarray:
-        """Return how many independent measurements tips (M,) are that move at speeds (M,) px per
-        frame: one that rests shows the same errors of the silhouettes in many frames."""
-        rest, half = self.config.information, self.config.half_speed
-        return rest + (1 - rest) * speeds / (speeds + half)
-
-    def _estimate_noise(self, residuals: np.ndarray, points: FrontierPoints) -> np.ndarray:
-        """Return the standard deviation (M,) px of the points' residuals."""
-        size = np.abs(residuals)
-        found = np.full(len(size), np.median(size))
-        if self._group is not None:
-            groups = self._group(points)
-            for number in np.unique(groups):
-                own = groups == number
-                if np.count_nonzero(own) >= LEAST_GROUP:
-                    found[own] = np.median(size[own])
-        return np.maximum(self.config.noise, 1.4826 * found)
-
-    def scene_moves(self) -> np.ndarray:
-        """Return the derivatives (8, 8 V) of what silhouettes cannot tell by the corrections.
-
-        Points around the scene's middle, triangulated from their pixels in all cameras, move if
-        cameras are corrected; of that the translation, m, the rotation and the change of size,
-        times the points' mean distance, m, and the cameras' mean offset in time, frames.
-        """
-        lattice = np.meshgrid(*[(-side, 0, side) for side in _AROUND])
-        away = np.stack(lattice, -1).reshape(-1, 3)
-        points, total = self.scene + away, np.zeros((len(away), 3, 3))
-        moves = np.zeros((len(away), 3, len(self.rig), N_PARAMETERS))
-        for view, camera in enumerate(self.rig):
-            ray = points - camera.centre
-            distance = np.linalg.norm(ray, axis=1)[:, None, None]
-            unit = ray / distance[:, 0]
-            across = (np.eye(3) - unit[:, :, None] * unit[:, None]) / distance**2
-            total += across
-            turned = np.cross(np.eye(3), ray[:, None]) @ camera.R.T
-            # A longer focal length draws the ray towards the optical axis.
-            axis = camera.R[2]
-            refocused = (ray @ axis)[:, None] * axis - ray
-            by_centre = np.broadcast_to(np.eye(3), turned.shape)
-            own = np.concatenate([turned, by_centre, refocused[..., None]], -1)
-            moves[:, :, view, :7] = across @ own
-        moved = np.linalg.solve(total, moves.reshape(len(away), 3, -1)).reshape(3 * len(away), -1)
-        basis = [np.tile(axis, (len(away), 1)) for axis in np.eye(3)]
-        basis += [np.cross(axis, away) for axis in np.eye(3)] + [away]
-        held = np.linalg.pinv(np.stack([of.ravel() for of in basis], -1)) @ moved
-        mean = np.tile(np.eye(N_PARAMETERS)[7] / len(self.rig), len(self.rig))
-        return np.vstack([held, mean])
+    Points around the scene's middle, triangulated from their pixels in all cameras, move if
+    cameras are corrected; of that the translation, m, the rotation and the change of size,
+    times the points' mean distance, m, and the cameras' mean offset in time, frames.
+    """
+    lattice = np.meshgrid(*[(-side, 0, side) for side in _EXTENT])
+    away = np.stack(lattice, -1).reshape(-1, 3)
+    points, total = intersect_axes_ahead(rig) + away, np.zeros((len(away), 3, 3))
+    moves = np.zeros((len(away), 3, len(rig), N_PARAMETERS))
+    for view, camera in enumerate(rig):
+        ray = points - camera.centre
+        distance = np.linalg.norm(ray, axis=1)[:, None, None]
+        unit = ray / distance[:, 0]
+        across = (np.eye(3) - unit[:, :, None] * unit[:, None]) / distance**2
+        total += across
+        turned = np.cross(np.eye(3), ray[:, None]) @ camera.R.T
+        # A longer focal length draws the ray towards the optical axis.
+        axis = camera.R[2]
+        refocused = (ray @ axis)[:, None] * axis - ray
+        by_centre = np.broadcast_to(np.eye(3), turned.shape)
+        changes = np.concatenate([turned, by_centre, refocused[..., None]], -1)
+        moves[:, :, view, :7] = across @ changes
+    moved = np.linalg.solve(total, moves.reshape(len(away), 3, -1)).reshape(3 * len(away), -1)
+    basis = [np.tile(axis, (len(away), 1)) for axis in np.eye(3)]
+    basis += [np.cross(axis, away) for axis in np.eye(3)] + [away]
+    held = np.linalg.pinv(np.stack([column.ravel() for column in basis], -1)) @ moved
+    mean = np.tile(np.eye(N_PARAMETERS)[7] / len(rig), len(rig))
+    return np.vstack([held, mean])

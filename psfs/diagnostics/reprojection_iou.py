@@ -11,7 +11,7 @@ import numpy as np
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.footprints import voxel_footprints
 from psfs.common.regions import iou, keep_large_regions
-from psfs.diagnostics.definitions import SPECKLE_SHARE
+from psfs.diagnostics.config import SPECKLE_SHARE
 from psfs.sequence import Frame
 from psfs.session import Session
 from psfs.silhouettes.hidden import UNKNOWN
@@ -25,7 +25,7 @@ _CUT = 0.02
 
 
 class Checker:
-    """`checker(frame, cloud)`: (V,) IoU per camera, as defined in `definitions.DEFINITION`; NaN if
+    """`checker(frame, cloud)`: (V,) IoU per camera, as defined in `config.DEFINITION`; NaN if
     both the frame's silhouette and the reprojected cloud are empty.
 
     The silhouettes are those of the session's reconstruction in this grid. It is repeated, so the

@@ -28,7 +28,7 @@ from psfs.diagnostics.frontier import (
     join_points,
 )
 from psfs.diagnostics.hulls import HullRays
-from psfs.diagnostics.refinement import Measure, RigCorrections, RigFit, correct_camera
+from psfs.diagnostics.refinement import Further, RigCorrections, correct_camera, fit_rig
 from psfs.diagnostics.small_views import Outline
 from psfs.self_calibration.config import PersonConfig
 
@@ -47,8 +47,10 @@ LAST_GATE = 2.0
 _PASSES, _SETTLED, _FURTHER = 8, 0.1, 5.0
 #: Find points in the cameras' pictures of shifted frames that agree to a number of pixels.
 Find = Callable[[Sequence[Camera], np.ndarray, float], FrontierPoints]
-#: Return `further` of `RigFit.solve` and `group` of `RigFit` for shifts (V,) of cameras' frames.
-MeasureShifted = Callable[[np.ndarray], tuple[Measure, Callable[[FrontierPoints], np.ndarray]]]
+#: Return `further` and `group` of `fit_rig` for shifts (V,) of cameras' frames.
+MeasureShifted = Callable[
+    [np.ndarray], tuple[Sequence[Further], Callable[[FrontierPoints], np.ndarray]]
+]
 
 
 @dataclass(frozen=True, eq=False)
@@ -207,18 +209,17 @@ def adjust_rounds(
         shifts = np.round(lags).astype(int)
 
         def search(
-            cameras: Sequence[Camera], gate: float, *_: object, shifts: np.ndarray = shifts
+            cameras: Sequence[Camera], gate: float, _: np.ndarray, shifts: np.ndarray = shifts
         ) -> FrontierPoints:
             return find(cameras, shifts, gate)
 
-        more, group = (None, None) if further is None else further(shifts)
-        fit = RigFit(rig, [], config.replace(gate=gate), search, group)
+        more, group = ((), None) if further is None else further(shifts)
         start = np.zeros((len(rig), 8))
         start[:, 7] = shifts - lags
         # Cameras without common points have no variances; they are refused later.
         with np.errstate(all="ignore"):
             try:
-                found = fit.solve(start=start, rounds=1, further=more)
+                found = fit_rig(rig, [gate], search, config, start, more, group)
                 if found is None:
                     return None
                 rig, lags = found.apply(rig), shifts - found.offsets

@@ -22,7 +22,7 @@ from psfs.cameras.camera import Camera, CameraRig
 from psfs.common.progress import Track, map_in_threads, track_silently
 from psfs.diagnostics.frontier import FrontierPoints, SilhouetteContours
 from psfs.diagnostics.limbs import LimbPoints, LimbViews
-from psfs.diagnostics.refinement import N_PARAMETERS, Measure
+from psfs.diagnostics.refinement import Further
 from psfs.self_calibration.addition import CameraAddition, choose_core
 from psfs.self_calibration.adjustment import (
     FIRST,
@@ -261,10 +261,12 @@ def _refine_finely(
     def prepare(found: Adjusted, limbs: LimbPoints | None = None) -> MeasureShifted:
         room = find_room_edges(found.rig, edges, find_up(found.rig))
 
-        def measure(shifts: np.ndarray) -> tuple[Measure, Callable[[FrontierPoints], np.ndarray]]:
-            further: list[Measure] = [] if room is None else [room]
+        def measure(
+            shifts: np.ndarray,
+        ) -> tuple[list[Further], Callable[[FrontierPoints], np.ndarray]]:
+            further = [] if room is None else [room.bind()]
             further += [] if limbs is None else [limbs.bind(shifts)]
-            return partial(_add_up, further), partial(_group, waists=waists, shifts=shifts)
+            return further, partial(_group, waists=waists, shifts=shifts)
 
         return measure
 
@@ -273,18 +275,6 @@ def _refine_finely(
 
     found = refine_until_converged(start, points, prepare)
     return refine_until_converged(found, points, prepare_limbs)
-
-
-def _add_up(
-    further: Sequence[Measure], cameras: Sequence[Camera], offsets: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return the normal matrix and the gradient of several measurements."""
-    size = len(cameras) * N_PARAMETERS
-    normal, gradient = np.zeros((size, size)), np.zeros(size)
-    for measure in further:
-        more, pull = measure(cameras, offsets)
-        normal, gradient = normal + more, gradient + pull
-    return normal, gradient
 
 
 def _find_waists(contours: SilhouetteContours) -> np.ndarray:

@@ -10,9 +10,10 @@ import scipy
 
 from cl import InputError
 from psfs.cameras.camera import Camera
+from psfs.cameras.rig_geometry import intersect_axes_ahead
 from psfs.common.least_squares import estimate_noise, robust_weights
 from psfs.diagnostics.frontier import epipolar_residuals
-from psfs.diagnostics.refinement import N_PARAMETERS, RigFit
+from psfs.diagnostics.refinement import N_PARAMETERS, measure_scene_motion
 from psfs.self_calibration.adjustment import (
     LAST_GATE,
     Adjusted,
@@ -125,8 +126,7 @@ def measure_uncertainty(
     jacobian = by_camera.reshape(-1, size)
     noise = estimate_noise(residuals, least=points.config.narrow.noise)
     weights = robust_weights(residuals, noise) / noise**2
-    fit = RigFit(found.rig, [], points.config.narrow, lambda *_: touched)
-    config, held = points.config.wide, fit.scene_moves() / 1e-3
+    config, held = points.config.wide, measure_scene_motion(found.rig) / 1e-3
     spread = np.tile([*3 * [config.turn], *3 * [config.shift], 1e-4, config.time], len(cameras))
     normal = (jacobian.T * weights) @ jacobian + np.diag(spread**-2.0) + held.T @ held
     inverse = np.linalg.inv(normal)
@@ -139,7 +139,7 @@ def measure_uncertainty(
         np.add.at(sums, clusters, pulls)
         spreads += sums.T @ sums
     variances = np.diag(inverse @ spreads @ inverse + inverse).reshape(-1, N_PARAMETERS)
-    distances = np.linalg.norm(found.rig.centres - fit.scene, axis=1)
+    distances = np.linalg.norm(found.rig.centres - intersect_axes_ahead(found.rig), axis=1)
     turns = np.sqrt(variances[:, :3].sum(axis=1))
     return turns, np.sqrt(variances[:, 3:6].sum(axis=1)) / distances
 

@@ -12,13 +12,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import cv2
 import numpy as np
 
 from psfs.cameras.camera import Camera, CameraRig
-from psfs.common.least_squares import estimate_noise, robust_weights
-from psfs.diagnostics.refinement import N_PARAMETERS
+from psfs.common.least_squares import Parameters, Residuals, Slope, estimate_noise, solve
+from psfs.diagnostics.refinement import N_PARAMETERS, Further
 
 #: Shortest edge, as a share of the picture's longest side; half length from which on edges count
 #: alike, px.
@@ -138,59 +139,48 @@ class _Lines:
 
 class RoomEdges:
     """Measurements of a rig's rotations by edges [view] (N, 2, 2) px that are parallel to
-    `directions` (K, 3), which are eliminated from the normal equations."""
+    `directions` (K, 3)."""
 
     def __init__(self, edges: Sequence[np.ndarray], directions: np.ndarray) -> None:
         self._edges, self._directions = edges, directions
+        self._axes = np.linalg.svd(directions[:, None])[2][:, 1:]  # along which these move
 
-    def __call__(
-        self, cameras: Sequence[Camera], offsets: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Return the normal matrix (8 V, 8 V) and the gradient (8 V,) at cameras."""
-        directions, size = self.fit_directions(cameras), len(cameras) * N_PARAMETERS
-        normal, gradient, _ = self._differentiate(cameras, directions)
-        mixed, own = normal[:size, size:], normal[size:, size:] + 1e-9 * np.eye(len(normal) - size)
-        solved = np.linalg.solve(own, mixed.T)
-        return normal[:size, :size] - mixed @ solved, gradient[:size] - solved.T @ gradient[size:]
+    def bind(self) -> Further:
+        """Return the measurements for `fit_rig`, with steps of the directions."""
+        steps = {"directions": np.zeros((len(self._directions), 2))}
+        return Further(steps, lambda cameras, _, parameters: self._measure(cameras, parameters))
 
     def fit_directions(self, cameras: Sequence[Camera]) -> np.ndarray:
         """Return the directions (K, 3) to which the edges are parallel in cameras."""
-        directions, size = self._directions, len(cameras) * N_PARAMETERS
-        for _ in range(4):
-            normal, gradient, axes = self._differentiate(cameras, directions)
-            own = normal[size:, size:] + 1e-9 * np.eye(len(normal) - size)
-            step = -np.linalg.solve(own, gradient[size:]).reshape(-1, 2)
-            directions = directions + np.einsum("ki,kij->kj", step, axes)
-            directions = directions / np.linalg.norm(directions, axis=1, keepdims=True)
-        return directions
+        held = np.zeros((len(cameras), N_PARAMETERS))
+        start = {"cameras": held, **self.bind().start}
+        measure = partial(self._measure, cameras)
+        return self._move(solve(measure, start, steps=4, free={"cameras": held > 0}).parameters)
 
-    def _differentiate(
-        self, cameras: Sequence[Camera], directions: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return the normal matrix and the gradient by cameras and directions, and the axes
-        (K, 2, 3) along which directions move."""
+    def _move(self, parameters: Parameters) -> np.ndarray:
+        steps = np.einsum("ki,kij->kj", parameters["directions"], self._axes)
+        moved = self._directions + steps
+        return np.asarray(moved / np.linalg.norm(moved, axis=1, keepdims=True))
+
+    def _measure(self, cameras: Sequence[Camera], parameters: Parameters) -> list[Residuals]:
+        """Return the residuals, px, of the edges to the nearest direction. Edges that are parallel
+        by chance are less so: the noise is estimated for each direction."""
         lines = _Lines.create(cameras, self._edges)
-        residuals, local, scales = lines.measure(cameras, directions)
+        residuals, local, scales = lines.measure(cameras, self._move(parameters))
         nearest = np.abs(residuals).argmin(axis=1)
         rows = np.arange(len(residuals))
         values, local, scales = (of[rows, nearest] for of in (residuals, local, scales))
-        near = np.abs(values) < _GATE
-        noise = np.full(len(rows), _NOISE)
-        for number in np.unique(nearest[near]):  # edges that are parallel by chance are less so
-            mine = nearest == number
-            noise[mine] = estimate_noise(values[mine & near], least=_NOISE)[0]
-        roots = np.sqrt(_INFORMATION * near * robust_weights(values, noise)) / noise
-        axes: np.ndarray = np.linalg.svd(directions[:, None])[2][:, 1:]
-        jacobian = np.zeros((len(rows), len(cameras) * N_PARAMETERS + 2 * len(axes)))
-        first = lines.views * N_PARAMETERS
-        by_turn = scales[:, None] * np.cross(local, lines.normals)
-        for axis in range(3):
-            jacobian[rows, first + axis] = by_turn[:, axis]
-        jacobian[rows, first + 6] = -scales * lines.normals[:, 2] * local[:, 2]
+        by_camera = np.zeros((len(rows), 1, N_PARAMETERS))
+        by_camera[:, 0, :3] = scales[:, None] * np.cross(local, lines.normals)
+        by_camera[:, 0, 6] = -scales * lines.normals[:, 2] * local[:, 2]
         R = np.stack([camera.R for camera in cameras])[lines.views]
-        by_direction = np.einsum("mij,mi,mkj->mk", R, lines.normals, axes[nearest])
-        for axis in range(2):
-            column = len(cameras) * N_PARAMETERS + 2 * nearest + axis
-            jacobian[rows, column] = scales * by_direction[:, axis]
-        weighted = roots[:, None] * jacobian
-        return weighted.T @ weighted, weighted.T @ (roots * values), axes
+        by_direction = np.einsum("m,mij,mi,mkj->mk", scales, R, lines.normals, self._axes[nearest])
+        slopes = [
+            Slope("cameras", lines.views, by_camera),
+            Slope("directions", nearest, by_direction[:, None]),
+        ]
+        values, noise = np.where(np.abs(values) < _GATE, values, np.nan), np.full(len(rows), _NOISE)
+        for number in np.unique(nearest):
+            mine = nearest == number
+            noise[mine] = estimate_noise(values[mine], least=_NOISE)
+        return [Residuals(values, slopes, noise, _INFORMATION)]

@@ -4,7 +4,8 @@ import cv2
 import numpy as np
 
 from psfs.cameras.camera import Camera, CameraRig
-from psfs.diagnostics.refinement import correct_camera
+from psfs.common import least_squares
+from psfs.diagnostics.refinement import correct_camera, correct_cameras
 from psfs.self_calibration.adjustment import measure_turn
 from psfs.self_calibration.room_edges import find_edges, find_room_edges, fit_vertical
 
@@ -79,14 +80,20 @@ def turn_cameras(rig, rng):
 
 def solve(rig, room, free):
     """The rig adjusted to the edges alone, its first camera held, in the `free` corrections."""
-    held = np.ones((len(rig), 8), bool)
-    held[1:, free] = False
-    for _ in range(8):
-        normal, gradient = room(rig.cameras, np.zeros(len(rig)))
-        step = -np.linalg.solve(normal + np.diag(1e12 * held.ravel() + 1e-9), gradient)
-        pairs = zip(rig, step.reshape(-1, 8), strict=True)
-        rig = CameraRig(tuple(correct_camera(camera, own) for camera, own in pairs))
-    return rig
+    steps = np.zeros((len(rig), 8), bool)
+    steps[1:, free] = True
+    found = adjust(rig, room, {"cameras": steps}).parameters["cameras"]
+    return CameraRig(correct_cameras(rig, found))
+
+
+def adjust(rig, room, free, steps=50):
+    further = room.bind()
+    return least_squares.solve(
+        lambda of: further.measure(correct_cameras(rig, of["cameras"]), np.zeros(len(rig)), of),
+        {"cameras": np.zeros((len(rig), 8)), **further.start},
+        free=free,
+        steps=steps,
+    )
 
 
 def test_walls_that_do_not_stand_square_tell_all_rotations():
@@ -121,10 +128,11 @@ def test_edges_in_any_direction_measure_nothing():
 def test_upright_edges_alone_do_not_tell_turns_about_the_vertical():
     rig, rng = make_rig(), np.random.default_rng(3)
     room = find_room_edges(rig, make_room(rig, rng, [[0, 0, 1.0]]), LEAN)
-    about = np.zeros(24)
-    for view, camera in enumerate(rig):
-        about[8 * view : 8 * view + 3] = (-1) ** view * camera.R[:, 2]
-    tipped = np.zeros(24)
-    tipped[:3] = rig[0].R[:, 0]
-    normal, _ = room(rig.cameras, np.zeros(3))
-    assert about @ normal @ about < 0.02 * (tipped @ normal @ tipped)
+    turns = np.zeros((3, 8), bool)
+    turns[:, :3] = True
+    covariance = adjust(rig, room, {"cameras": turns}, steps=0).covariance("cameras")
+    (known,) = np.nonzero(turns.ravel())
+    about = np.concatenate([(-1) ** view * camera.R[:, 2] for view, camera in enumerate(rig)])
+    tipped = np.concatenate([rig[0].R[:, 0], np.zeros(6)])
+    information = np.linalg.pinv(covariance[np.ix_(known, known)], hermitian=True)
+    assert about @ information @ about < 0.02 * (tipped @ information @ tipped)
