@@ -243,7 +243,7 @@ def _measure_shift(
     as_is = _correlate(background, shown)
     if as_is >= 1 - _GAIN:  # a correlation is at most 1
         return 0.0, 0.0
-    shift, _ = cv2.phaseCorrelate(background, shown, window)
+    shift, _ = cv2.phaseCorrelate(background.copy(), shown.copy(), window)  # windows its arguments
     back = [-round(s) for s in shift[::-1]]
     laid_back = _correlate(background, np.roll(shown, back, axis=(0, 1)))
     return (shift[0], shift[1]) if laid_back > as_is + _GAIN else (0.0, 0.0)
