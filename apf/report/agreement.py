@@ -34,10 +34,10 @@ MOST_FRAMES = 200
 _LEAST_PIXELS = 20
 #: A surface voxel farther than this from every cone, m, is unexplained: about a forearm's girth,
 #: and more than the hulls of few cameras exceed the body.
-_FAR = 0.10
+VOXEL_FAR = 0.10
 #: Distance, m, at the point's depth beyond which the body does not explain a keypoint; the points
 #: of people differ by less from their prior position on the body.
-_KEYPOINT_FAR = 0.15
+KEYPOINT_FAR = 0.15
 
 
 @dataclass(frozen=True)
@@ -203,7 +203,7 @@ def measure_explained(
     """
     if not len(points):
         return np.nan
-    far = points[cone_distances(points, cones).min(axis=1) > _FAR]
+    far = points[cone_distances(points, cones).min(axis=1) > VOXEL_FAR]
     uncovered, shown = np.zeros(len(far), int), np.zeros(len(far), int)
     for camera, body, seen in zip(rig, drawings, known, strict=True):
         inside, y, x, _ = camera.look_up(far)
@@ -235,7 +235,7 @@ def measure_keypoint_agreement(track: Track, keypoints: Keypoints, rig: CameraRi
             apart = off * local[..., 2] / camera.K[0, 0]
         least = TriangulationConfig().min_confidence
         sure = (np.nan_to_num(shown[..., 2]) >= least) & np.isfinite(off)
-        near += (sure & (apart <= _KEYPOINT_FAR) & (local[..., 2] > 0)).sum(axis=1)
+        near += (sure & (apart <= KEYPOINT_FAR) & (local[..., 2] > 0)).sum(axis=1)
         known += sure.sum(axis=1)
     with np.errstate(invalid="ignore"):
         shares: np.ndarray = near / known
