@@ -28,8 +28,8 @@ from apf.tracking.track import Track, spans
 
 #: A part with less confidence should be checked; a limb counts as lost below it, too.
 DOUBTFUL = LOST
-#: Expected error per standard deviation of a joint, of a joint of a doubtful part, m, of a body that
-#: leaves all of the silhouettes uncovered, relative to what it covers, m, and of a lost person, m.
+#: Expected error: per standard deviation of a joint; of a joint of a doubtful part, m; of a body
+#: that covers half of the silhouettes, m; of a lost person, m.
 _ERROR_PER_SPREAD, _ERROR_DOUBTFUL, _ERROR_UNCOVERED, _ERROR_LOST = 1 / 3, 0.035, 0.075, 0.5
 #: Most frame ranges that a line lists; the page shows all.
 _NAMED = 4
@@ -212,9 +212,11 @@ class Quality:
                 "limbs are right"
             )
         if np.isfinite(self.expected_error):
-            good, bad = 1000 * self.config.good, 1000 * self.config.bad
-            facts.insert(0, f"expected joint error {1000 * self.expected_error:.0f} mm (good: up to "
-                            f"{good:.0f}, bad: from {bad:.0f})")  # fmt: skip
+            expected, good, bad = (
+                1000 * error for error in (self.expected_error, self.config.good, self.config.bad)
+            )
+            scale = f"good: up to {good:.0f}, bad: from {bad:.0f}"
+            facts.insert(0, f"expected joint error {expected:.0f} mm ({scale})")
         lines = [f"the track {looks}: {'; '.join(facts)}", *list_corrections(track)]
         lines += [f"in doubt because {doubt}" for doubt in self.doubts]
         for what, rows in self.doubtful.items():
