@@ -6,6 +6,7 @@ set once and not tried against others.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import reduce
 from typing import TYPE_CHECKING, Any
@@ -180,13 +181,7 @@ class LimbSearchConfig(Config):
         "tuned",
         "of the body's sigmas",
     )
-    rounds: int = nonnegative(
-        4,
-        "Number of further rounds, each around the best poses of the previous round and half "
-        "as wide.",
-        "tuned: few random poses have the forearm in its outline, so that without them lost arms "
-        "are seldom found again",
-    )
+
     least_recall: float = nonnegative(
         2.0,
         "Least weight of the silhouette recall when the best poses are compared, because both "
@@ -196,8 +191,11 @@ class LimbSearchConfig(Config):
 
     @property
     def reaches(self) -> list[float]:
-        """Spread of the poses in each round, in the body's sigmas."""
-        return [self.reach * 0.5**i for i in range(1 + self.rounds)]
+        """Spread of the poses in each round, in the body's sigmas. Each further round looks around
+        the best poses of the previous one, half as wide, down to one sigma: few random poses have
+        the forearm in its outline."""
+        rounds = max(0, math.ceil(math.log2(max(self.reach, 1))))
+        return [self.reach * 0.5**i for i in range(1 + rounds)]
 
 
 class FilterConfig(Config):

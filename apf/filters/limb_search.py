@@ -133,7 +133,7 @@ class LimbSearch(Stage):
             if self._by_points is not None:
                 launches = self._by_points.shift_launcher(None, result)
             launches.append(self._propose(frame, result, self._poses))
-            for round in range(1 + self.config.limb_search.rounds):
+            for round in range(len(self.config.limb_search.reaches)):
                 launches += [
                     *likelihood.rescoring_launcher(self._poses, errors, stride),
                     self._choose(frame, round),

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, ClassVar, Literal, get_args
 from pydantic import model_validator
 
 from cl import InputError
-from psfs.common.config import Config, fraction, nonnegative, part, positive, setting
+from psfs.common.config import Config, fraction, nonnegative, part, setting
 
 if TYPE_CHECKING:
     import numpy as np
@@ -44,8 +44,8 @@ class ProximityConfig(Config):
     function: ProximityKind = setting(
         "exponential",
         "Function of the distance. impulse: 1 on the edge, else 0 (eq. 4.26). proportional: 1 - "
-        "span (d - nearest) / (farthest - nearest) (eq. 4.27). exponential: 1 - span + span "
-        "exp(-decay (d - nearest)) (eq. 4.28).",
+        "span s (eq. 4.27) with s = (d - nearest) / (farthest - nearest). exponential: 1 - span + "
+        "span exp(-5 s) (eq. 4.28), which is all but gone at `farthest`.",
         "it discriminates more sharply (Rymut 2016, 4.5)",
         flag="--proximity",
         flag_help="image objectives: function of the distance to edges",
@@ -74,12 +74,6 @@ class ProximityConfig(Config):
         above=0,
         most=1,
     )
-    decay: float = positive(
-        0.25,
-        "Decay of the exponential.",
-        "by hand: exp(-1) of it is left 4 px from the edge",
-        "1/px",
-    )
     metric: Literal["euclidean", "chessboard"] = setting(
         "euclidean",
         "Distance in a picture, Rymut 2016 eq. (2.18) and (2.20), who has the chessboard's.",
@@ -102,12 +96,13 @@ class ProximityConfig(Config):
         reach = 0 if self.function == "impulse" else math.ceil(self.farthest * unit)
         distance = np.sqrt(np.arange(reach**2 + 2)) / unit
         beyond = distance - self.nearest
+        share = beyond / (self.farthest - self.nearest)
         if self.function == "impulse":
             values = np.where(distance == 0, 1.0, 0.0)
         elif self.function == "proportional":
-            values = 1 - self.span * beyond / (self.farthest - self.nearest)
+            values = 1 - self.span * share
         else:
-            values = 1 - self.span + self.span * np.exp(-self.decay * np.maximum(beyond, 0))
+            values = 1 - self.span + self.span * np.exp(-5 * np.maximum(share, 0))
         if self.function != "impulse":
             values = np.where(beyond <= 0, 1.0, np.where(distance >= self.farthest, 0.0, values))
         values[-1] = 0.0

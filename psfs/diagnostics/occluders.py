@@ -13,6 +13,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
+from cl import InputError
 from psfs.backend import make_evidence_function
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.common.numbers import pick_evenly
@@ -20,10 +21,10 @@ from psfs.diagnostics.config import OccluderConfig
 from psfs.diagnostics.small_views import LARGE_SIDE, Shrink
 from psfs.session import Session
 from psfs.silhouettes.config import SilhouetteConfig
-from psfs.volume import VOLUME_SAMPLES, BoxSearch
+from psfs.volume import find_volume
 from psfs.voxels.config import OccupancyConfig
 from psfs.voxels.grid import VoxelGrid
-from psfs.voxels.occupied_box import finest_pixel, remove_speckle
+from psfs.voxels.occupied_box import finest_pixel
 
 #: Examined frames, spread over the sequence.
 _SAMPLES = 64
@@ -60,10 +61,15 @@ def find_hidden_pixels(session: Session, config: OccluderConfig | None = None) -
     picked = pick_evenly(len(sequence), _SAMPLES).tolist()
     with sequence.reader(learning=False) as read:
         evidence = [evidence_of(shrink.frame(read(i))).copy() for i in picked]
-    box = _box(session, shrink.small, evidence)
-    if box is None:
+    try:
+        volume = find_volume(session)
+    except InputError:  # which the stages that need a volume report
         return None
-    small = find_hidden_in_box(shrink.small, evidence, *box, config)
+    low, high = volume.low, volume.high
+    if sequence.volume is None:
+        margin = _ENLARGED * (high - low)
+        low, high = low - margin, high + margin
+    small = find_hidden_in_box(shrink.small, evidence, low, high, config)
     if small is None:
         return None
     return np.stack([_enlarge(own, (rig.width, rig.height)) for own in small])
@@ -217,25 +223,6 @@ def _without_specks(region: np.ndarray, least: int) -> np.ndarray:
     kept = facts[:count, cv2.CC_STAT_AREA] >= least
     kept[0] = False
     return kept[labels]
-
-
-def _box(
-    session: Session, rig: CameraRig, evidence: list[np.ndarray]
-) -> tuple[np.ndarray, np.ndarray] | None:
-    """Return the stated volume, or the enlarged box around the visible person; None if neither
-    exists."""
-    stated = session.sequence.volume
-    if stated is not None:
-        low, high = stated
-        return np.asarray(low, float), np.asarray(high, float)
-    needed = OccupancyConfig().seeing_cameras(len(rig))
-    clean = [remove_speckle(evidence[i]) for i in pick_evenly(len(evidence), VOLUME_SAMPLES)]
-    found = BoxSearch(rig, clean, needed, has_floor=session.sequence.subject != "object").run()
-    if found is None:  # the stages that need a volume report it
-        return None
-    low, high = found
-    margin = _ENLARGED * (high - low)
-    return low - margin, high + margin
 
 
 def _enlarge(region: np.ndarray, size: tuple[int, int]) -> np.ndarray:

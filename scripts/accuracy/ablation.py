@@ -37,7 +37,6 @@ ABLATIONS: dict[str, Callable[[Preset], Preset]] = {
     "no trunk first": partial(_filter, trunk_layers=0),
     "no refinement, no limb search": partial(_filter, refinement_steps=0),
     "no limb search": partial(_filter, limb_search_reach=0.0),
-    "no rounds of it": partial(_filter, limb_search_rounds=0),
     "no silhouette recall": partial(_filter, limb_search_least_recall=0.0),
     "no way back": partial(_method, both_ways=False),
     "one run": partial(_method, runs=1),

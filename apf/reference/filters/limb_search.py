@@ -87,7 +87,7 @@ def search_limbs(
             seen = met[0] - mean
         stride = config.likelihood.point_turns
         tried: np.ndarray | None = None
-        for round in range(1 + config.limb_search.rounds):
+        for round in range(len(config.limb_search.reaches)):
             poses, kinds = propose(body, mean, config, frame, seen, round=round, best=tried)
             errors = likelihood.rescore(poses, stride)
             of_kind = [np.flatnonzero(kinds == kind) for kind in range(2 * n_limbs)]

@@ -119,7 +119,7 @@ def test_later_rounds_look_about_the_best() -> None:
     first, which = propose(body, mean, CONFIG, 3)
     best = np.stack([first[np.flatnonzero(which == kind)[-1]] for kind in range(2 * n_limbs)])
     spreads = []
-    for round in range(1, 1 + CONFIG.limb_search.rounds):
+    for round in range(1, len(CONFIG.limb_search.reaches)):
         poses, kinds = propose(body, mean, CONFIG, 3, round=round, best=best)
         np.testing.assert_array_equal(kinds, which)
         for kind in range(2 * n_limbs):

@@ -16,7 +16,7 @@ from psfs.reference.reprojection import proximity
 
 #: Pictures as narrow as the tests' would shrink all lengths to a pixel.
 WIDE = {"dilation": 20, "margin": 40}
-FAR = ProximityConfig(farthest=90, decay=0.05)
+FAR = ProximityConfig(farthest=90)
 
 
 def pictures(rig, masks: np.ndarray, seed: int = 0) -> np.ndarray:
@@ -174,10 +174,8 @@ def test_proximity_tables() -> None:
     np.testing.assert_allclose(
         values(function="proportional", span=0.25), [1, 1, 0.875, 0.7525, 0], atol=0.003
     )
-    expected = [1, 1, 0.5 + 0.5 * np.exp(-4.5), 0.5 + 0.5 * np.exp(-8.9), 0]
-    np.testing.assert_allclose(
-        values(function="exponential", span=0.5, decay=0.1), expected, atol=0.003
-    )
+    expected = [1, 1, 0.5 + 0.5 * np.exp(-2.5), 0.5 + 0.5 * np.exp(-5 * 89 / 90), 0]
+    np.testing.assert_allclose(values(function="exponential", span=0.5), expected, atol=0.003)
     assert ProximityConfig(function="impulse").table(rig).tolist() == [255, 0]
 
 

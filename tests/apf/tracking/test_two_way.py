@@ -370,7 +370,7 @@ def test_errors_are_the_twins(device: Device) -> None:
 
 
 def test_an_arm_that_began_wrong_is_right_from_the_end_back(device: Device) -> None:
-    method = Method.create(n_particles=60, n_layers=4, limb_search_rounds=0)
+    method = Method.create(n_particles=60, n_layers=4, limb_search_reach=1.0)
     scene = Scene(device, scenes.ring(4), GRID, SONG)
     forward = SeparateRuns([make_recovering_tracker(scene, method)])
     forward.start(moved(walker(0), l_upper_arm__rx=-0.7))
