@@ -5,11 +5,13 @@ from __future__ import annotations
 from cl import Device
 
 #: Work-group along a row on CPUs.
-_ALONG = 64
+ALONG = 64
 #: Work-items of a GPU that share a piece of work: a particle, a tile, a picture.
 GROUP = 256
-#: Neighbouring pixels that a CPU's work-item works on at once.
-_PIXELS = 8
+#: The same of work that waits for memory most of the time, or of few pieces, such as cameras.
+WIDE_GROUP = 512
+#: Neighbouring pixels that a work-item works on at once.
+PIXELS = 8
 
 
 def row_group(device: Device) -> tuple[int, int, int]:
@@ -19,13 +21,13 @@ def row_group(device: Device) -> tuple[int, int, int]:
     again for every shape of work-group: so the shape does not depend on the row. A GPU gets small
     tiles.
     """
-    return (32, 4, 1) if device.is_gpu else (_ALONG, 1, 1)
+    return (32, 4, 1) if device.is_gpu else (ALONG, 1, 1)
 
 
 def pixel_pack(device: Device, width: int) -> int:
     """Return PACK of pack.h for kernels of pictures `width` pixels wide: neighbours in a row that
     a work-item works on at once."""
-    return 1 if device.is_gpu or width < 2 * _PIXELS else _PIXELS
+    return 1 if device.is_gpu or width < 2 * PIXELS else PIXELS
 
 
 def pack_defines(device: Device, group: int) -> dict[str, int]:

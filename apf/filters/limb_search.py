@@ -14,12 +14,11 @@ from apf.filters.refinement import Refinement
 from apf.likelihood.base import Likelihood
 from cl import Array, Device, Launch, Stage
 from cl.signature import Argument
+from cl.workgroups import ALONG, GROUP
 
 #: Least relative decrease of the error for a limb to be moved near where it was, and anywhere: with
 #: 0.03 limbs were moved that had been right.
 MARGINS = (0.01, 0.05)
-#: Work-items of a group of the kernel `choose`.
-_GPU_GROUP, _CPU_GROUP = 256, 64
 
 
 def limb_ranges(body: BodyModel) -> np.ndarray:
@@ -72,7 +71,7 @@ class LimbSearch(Stage):
         is_used = config.searches_limbs and likelihood.refines
         self._n_limbs = len(limbs) if is_used else 0
         self._per_run = 1 + 2 * self._n_limbs
-        self._group = _GPU_GROUP if device.is_gpu else _CPU_GROUP
+        self._group = GROUP if device.is_gpu else ALONG
         n_limbs = max(1, self._n_limbs)
         known = {"N_LIMBS": n_limbs, "CANDIDATES": self._per_run} if device.is_gpu else {}
         super().__init__(device, N_DOF=n, GROUP=self._group, **known)

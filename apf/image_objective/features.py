@@ -12,7 +12,7 @@ from apf.image_objective.config import FeatureConfig
 from cl import Array, Device, InputError, Launch
 from cl.launch import Kernel
 from cl.signature import Argument
-from cl.workgroups import row_group, size_defines
+from cl.workgroups import GROUP, PIXELS, row_group, size_defines
 from psfs.cameras.camera import CameraRig
 from psfs.common.edge_distance import count_tiles, distance_defines
 from psfs.sequence import frame_input
@@ -23,9 +23,6 @@ if TYPE_CHECKING:
     from psfs.background.gaussian import Background
     from psfs.sequence import Frame
 
-_GROUP = 128
-#: Pixels of a row that one work-item of the costly kernels makes.
-_STRIP = 8
 #: Side, px, of the cells that the region of interest consists of, small against a limb, and the
 #: least silhouette pixels in one of them: specks of noise have fewer.
 CELL, CELL_PIXELS = 8, 16
@@ -88,9 +85,9 @@ class Features:
             cells = [-(-size // CELL) for size in (self.rig.height, self.rig.width)]
             found["blobs"] = device.empty((views, *cells), np.int32, "the silhouette's blobs")
             found["pixels"] = device.empty((views, 2, *cells), np.int32, "the blobs' pixels")
-        size, margin = (views * _GROUP,), self.config.pixels(self.config.margin, self.rig)
+        size, margin = (views * GROUP,), self.config.pixels(self.config.margin, self.rig)
         where = self._where | {"margin": margin}
-        return device.launch(self._kernel(name), size, (_GROUP,), **where, **found)
+        return device.launch(self._kernel(name), size, (GROUP,), **where, **found)
 
     def _edge_launches(self) -> list[Launch]:
         """Return the launches that find the edges."""
@@ -106,7 +103,7 @@ class Features:
         if self._background is None:
             images = self._pictures = device.empty((*shape, 3), np.uint8, "the pictures")
         planes = {
-            name: device.empty((*shape[:2], self.rig.width + _STRIP), np.int16, "the gradients")
+            name: device.empty((*shape[:2], self.rig.width + PIXELS), np.int16, "the gradients")
             for name in ("derivatives", "smooth")
         }
         above_below, threshold2 = 4, min(self.config.squared_threshold, 2**31 - 1)
@@ -124,7 +121,7 @@ class Features:
     def _launch(self, name: str, more_rows: int, /, **arguments: Argument) -> Launch:
         """Return the launch of a kernel over all pixels, and `more_rows` beside them."""
         strips = name.startswith("gradient")
-        width = -(-self.rig.width // _STRIP) if strips else self.rig.width
+        width = -(-self.rig.width // PIXELS) if strips else self.rig.width
         size = (width, self.rig.height + more_rows, len(self.rig))
         group = row_group(self.device)
         return self.device.launch(self._kernel(name), size, group, **self._where, **arguments)
@@ -135,8 +132,8 @@ class Features:
             "image/features",
             name,
             **size_defines(self.device, self.rig.picture),
-            GROUP=_GROUP,
-            STRIP=_STRIP,
+            GROUP=GROUP,
+            STRIP=PIXELS,
             CELL=CELL,
             BLOBS=config.blobs,
             FILLED=CELL_PIXELS,

@@ -6,7 +6,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from apf.body.model import BodyModel
 from apf.body.stature import HIP_SHARE, has_feet, has_head, is_whole, stature
@@ -20,6 +19,7 @@ from apf.initialisation.shape_model import ShapeModel
 from apf.initialisation.start import Start, StartError, check_startable
 from apf.likelihood.observations import AnyVoxels
 from apf.scene import Scene
+from psfs.common.progress import one_blas_thread
 
 
 def find_start(
@@ -63,7 +63,7 @@ def find_start(
         tracking = config.filter.with_changes(noise=noise, seed=other)
         fitting = _Fitting(search, shown, every, clouds, tracking, progress)
         # the products are small: BLAS threads would only wait for each other
-        with threadpool_limits(1, "blas"):
+        with one_blas_thread():
             found.append(run_attempt(fitting))
     limit = config.acceptance.hopeless
     best = min(found, key=lambda one: (one.registration_error > limit, one.fit.cost))

@@ -18,7 +18,6 @@ from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from apf.body.jacobian import bone_point_jacobian, point_jacobian
 from apf.body.kinematics import bone_matrices, cross, posed_cones, posed_joints
@@ -27,6 +26,7 @@ from apf.initialisation.shape_model import place_points, surface_displacements
 from psfs.cameras.camera import CameraRig
 from psfs.common.least_squares import REACH, robust_weights
 from psfs.common.numbers import pick_evenly
+from psfs.common.progress import one_blas_thread
 
 #: Standard deviations of a person's measures around a body of the same stature. Lengths: those of
 #: adults of one stature vary by 3 to 4 % (Gordon et al. 2014, ANSUR II). Joints in the flesh, m:
@@ -384,7 +384,7 @@ class PersonalFit:
         for of, pose, start, mine, growth in zip(
             outlines, poses, tracked, cones, growths, strict=True
         ):
-            with threadpool_limits(1, "blas"):  # the products are small
+            with one_blas_thread():  # the products are small
                 cone, coordinates, normal, gap = nearest_outline(of, mine)
                 bulged = shape.bulges(cone, coordinates)
                 gap = gap - bulged @ measures[shape.n_built :]

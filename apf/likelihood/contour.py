@@ -13,7 +13,7 @@ from apf.likelihood.term import Shared, Term
 from apf.likelihood.terms import ContourConfig
 from cl import Array, Launch
 from cl.signature import Argument
-from cl.workgroups import row_group
+from cl.workgroups import PIXELS, row_group
 from psfs.voxels.device_voxels import CarvedVoxels
 
 #: Directions along which contours are found: (1, 0), (1, 1), (0, 1) and (-1, 1).
@@ -28,7 +28,6 @@ FULL_CONTRAST = 960
 #: Pixels from the border that have no gradient, and no contour.
 MARGIN = 2
 OUTER_MARGIN = MARGIN + REACH
-_STRIP = 8
 
 
 class Contours(Term):
@@ -46,14 +45,14 @@ class Contours(Term):
         device = shared.scene.opencl
         super().__init__(
             device, REACH=REACH, DIAGONAL_REACH=DIAGONAL_REACH, HIDDEN=HIDDEN, MARGIN=MARGIN,
-            OUTER_MARGIN=OUTER_MARGIN, STRIP=_STRIP, **({} if device.is_gpu else {"ANYWHERE": 1}),
+            OUTER_MARGIN=OUTER_MARGIN, STRIP=PIXELS, **({} if device.is_gpu else {"ANYWHERE": 1}),
         )  # fmt: skip
         self._rig, self._maps, self._settings = shared.scene.rig, shared.maps, settings
         views, *size = len(self._rig), self._rig.height, self._rig.width
         self.contours = shared.seen["contours"][0]  # whose borders stay 0
         self._gradients = device.zeros((views, 2, *size), np.int16, "the pictures' gradients")
         self.known = False
-        self._has_room = min(size) >= 2 * OUTER_MARGIN + _STRIP
+        self._has_room = min(size) >= 2 * OUTER_MARGIN + PIXELS
         self._pictures: Array | None = None
         self._launches: list[Launch] = []
 
@@ -88,4 +87,4 @@ class Contours(Term):
     def _size(self, margin: int) -> tuple[int, int, int]:
         """Return the number of strips in a row, of rows and of cameras."""
         rig = self._rig
-        return -(-(rig.width - 2 * margin) // _STRIP), rig.height - 2 * margin, len(rig)
+        return -(-(rig.width - 2 * margin) // PIXELS), rig.height - 2 * margin, len(rig)

@@ -20,10 +20,8 @@ from apf.likelihood.observations import (
 from apf.likelihood.voxel import posture_prior
 from apf.scene import Scene
 from cl import Array, Launch, Step
-from cl.workgroups import pack_defines, pack_size
+from cl.workgroups import GROUP, pack_defines, pack_size
 from psfs.cameras.camera import CAMERA_FLOATS
-
-_GROUP = 128
 
 
 class KeypointLikelihood(Likelihood):
@@ -137,7 +135,7 @@ class KeypointLikelihood(Likelihood):
         weight: float,
         posture_weight: float = 0.0,
     ) -> Launch:
-        defines = body_defines(self.body) | pack_defines(self.device, _GROUP)
+        defines = body_defines(self.body) | pack_defines(self.device, GROUP)
         kernel = self.device.kernel(
             "tracking/keypoints", "score_points", **defines, **CONE_DEFINES,
             CAMERA_FLOATS=CAMERA_FLOATS,

@@ -21,11 +21,9 @@ from apf.likelihood.term import Shared, Term
 from apf.likelihood.terms import PartColourConfig
 from cl import Array, Launch
 from cl.signature import Argument
-from cl.workgroups import pack_defines
+from cl.workgroups import WIDE_GROUP, pack_defines
 from psfs.voxels.device_voxels import CarvedVoxels
 
-#: Work-items of a GPU per camera: cameras are few, so each gets a multiprocessor to itself.
-_GROUP = 512
 #: Number of codes: the palette's colours, and the last two, for pixels inside the silhouettes whose
 #: colour is hidden by furniture or by another person, and for those outside.
 N_CODES = 64
@@ -146,7 +144,7 @@ class PartColours(Term):
 
     def __init__(self, shared: Shared, settings: PartColourConfig) -> None:
         device, body, rig = shared.scene.opencl, shared.scene.body, shared.scene.rig
-        n_parts, self._group = len(list_part_names(body)), pack_defines(device, _GROUP)["GROUP"]
+        n_parts, self._group = len(list_part_names(body)), pack_defines(device, WIDE_GROUP)["GROUP"]
         super().__init__(
             device, PACK=1, GROUP=self._group, N_CODES=N_CODES, **body_defines(body),
             N_PARTS=n_parts, ROWS=ROWS, COLUMNS=COLUMNS, RATIO_STEPS=RATIO_STEPS, **rig.defines,

@@ -8,12 +8,10 @@ from apf.body.posing import CONE_DEFINES
 from apf.likelihood.base import PointSubset
 from apf.scene import Scene
 from cl import Array, Kernel, Launch
-from cl.workgroups import pack_defines
+from cl.workgroups import WIDE_GROUP, pack_defines
 from psfs.common.cones import CONE_FLOATS
 from psfs.voxels.device_voxels import CarvedVoxels
 
-#: Items that a GPU takes for a pose: mostly few are judged, each has a multiprocessor to itself.
-_GROUP = 512
 #: Most cameras that a GPU's work-group looks at together: local memory holds their cones' edges.
 _VIEWS = 8
 
@@ -39,7 +37,7 @@ class SilhouetteRecall:
         self.device = device
         self._n_views, self._n_points = len(rig), points[0].shape[0]
         self._cameras, self._points, self._pixels = cameras, points, pixels
-        self._defines = pack_defines(device, _GROUP) | {"N_CONES": len(body.cones)}
+        self._defines = pack_defines(device, WIDE_GROUP) | {"N_CONES": len(body.cones)}
         together = min(_VIEWS, 1 << (len(rig) - 1).bit_length())
         self._defines |= rig.defines
         self._defines["VIEWS"] = min(together, self._defines["GROUP"])

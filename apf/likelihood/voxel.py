@@ -20,17 +20,13 @@ from apf.scene import Scene
 from cl import Array, InputError, Kernel, Launch
 from cl.signature import Argument
 from cl.staging import Ahead
-from cl.workgroups import pack_defines, pack_size
+from cl.workgroups import GROUP, WIDE_GROUP, pack_defines, pack_size
 from psfs.cameras.camera import CameraRig
 from psfs.common.cones import CONE_FLOATS
 from psfs.voxels.device_voxels import CarvedVoxels
 from psfs.voxels.grid import VoxelGrid
 from psfs.voxels.reprojection import Reprojection
 
-#: Work-items per pose on a GPU, of which most wait for memory most of the time: of one person, and
-#: of several whose launches are joined. That kernel needs 78 registers instead of 64, so that a
-#: multiprocessor of an H100 has room for four groups of 256, but for one of 512.
-_GROUP, _SHARED_GROUP = 512, 256
 #: Floats of a cone's outline in a picture: x and y of its corners.
 _OUTLINE_FLOATS = 8
 #: Distance between the samples on a cone, m: as accurate as 0.05, in less time.
@@ -323,7 +319,9 @@ class VoxelLikelihood(Likelihood):
 
         Raises InputError if the body is too large even for one.
         """
-        group = _GROUP if self.device.n_sharing == 1 else _SHARED_GROUP
+        # Where launches of several people are joined, the kernel needs 78 registers instead of 64,
+        # so that a multiprocessor of an H100 has room for four groups of 256, but for one of 512.
+        group = WIDE_GROUP if self.device.n_sharing == 1 else GROUP
         defines = body_defines(body) | pack_defines(self.device, group)
         if not self.rig.distorted:
             defines["NO_DISTORTION"] = 1

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 import time
 from collections.abc import Callable, Iterable, Iterator
 from collections.abc import Sequence as Items
@@ -325,23 +324,6 @@ def observe_frames(
     else:
         for frame in frames:
             yield frame.index, observe(frame)
-
-
-def track_voxels(
-    tracker: Stepping[R], pose: np.ndarray, voxels: Iterable[tuple[int, Observation]]
-) -> tuple[list[int], list[R]]:
-    """Return frame numbers and the results of `step` for `voxels`; the tracker, or the runs, start
-    at `pose` (D,).
-
-    A KeyboardInterrupt ends the track after the last complete frame; it is raised again if there is
-    none.
-    """
-    tracker.start(pose)
-    found = track_forward(tracker, voxels, lambda stage: None)
-    frames, estimates, _, error = _track_part(found, math.inf)
-    if error is not None and (not estimates or not isinstance(error, KeyboardInterrupt)):
-        raise error
-    return frames, estimates
 
 
 def build_track(

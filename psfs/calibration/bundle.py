@@ -7,13 +7,13 @@ from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from psfs.calibration.config import CalibrationConfig
 from psfs.calibration.scene import CalibrationScene, rigid_transform
 from psfs.calibration.targets.target import Sighting, Target, group_by_view
 from psfs.cameras.camera import Camera
 from psfs.common.least_squares import Parameters, Residuals, Slope, prior, solve
+from psfs.common.progress import one_blas_thread
 
 #: Parameters of a pose (Rodrigues vector, translation) and of a lens (log fx, log fy, cx, cy, k1,
 #: k2, p1, p2), the columns of cv2.projectPoints's Jacobian.
@@ -48,7 +48,7 @@ def adjust_bundle(
     problem = _Problem(scene, target, sightings, freedom, config)
     if not problem.frames:
         return scene
-    with threadpool_limits(1, "blas"):  # the matrices are too small for more threads
+    with one_blas_thread():  # the matrices are too small for more threads
         found = solve(problem.evaluate, problem.start, eliminate=["poses"], free=problem.free)
     return problem.scene(found.parameters)
 

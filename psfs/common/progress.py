@@ -5,7 +5,10 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from functools import cache
 from typing import Any, TypeVar
+
+from threadpoolctl import ThreadpoolController
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -17,6 +20,16 @@ Track = Callable[[Iterable[Any], int, str], Iterable[Any]]
 def track_silently(items: Iterable[Any], total: int, name: str) -> Iterable[Any]:
     """Yield the items and show nothing."""
     return items
+
+
+@cache
+def _thread_pools() -> ThreadpoolController:
+    return ThreadpoolController()  # which looks at every library of the process
+
+
+def one_blas_thread() -> Any:
+    """Return a context in which products of matrices use one thread, as small ones had better."""
+    return _thread_pools().limit(limits=1, user_api="blas")
 
 
 def map_in_threads(

@@ -44,22 +44,6 @@ class HostVoxels:
         return VoxelCloud(self.grid, self.surface, probability, rgb, volume)
 
 
-def surface_indices(occupied: np.ndarray) -> np.ndarray:
-    """Return the flat indices (N,) int32, ascending, of the occupied voxels (nx, ny, nz) bool that
-    have an empty 6-neighbour. Voxels outside the grid count as empty.
-    """
-    # A twentieth of the time of ndimage.binary_erosion.
-    mid, surface = (slice(1, -1),) * 3, occupied.copy()
-    inner = occupied[mid]
-    for axis in range(3):
-        for beside in (slice(None, -2), slice(2, None)):
-            at = list(mid)
-            at[axis] = beside
-            inner = inner & occupied[tuple(at)]
-    surface[mid] &= ~inner
-    return np.flatnonzero(surface).astype(np.int32)
-
-
 def voxel_silhouette(
     camera: Camera, centres: np.ndarray, footprint: np.ndarray, shape: tuple[int, int]
 ) -> np.ndarray:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from apf.reference.filters.noise import normals, philox4x32, uniform, uniform01
+from apf.reference.filters.noise import normals, philox4x32, uniform01
 from cl import Device, Kernel
 
 #: philox4x32 10 of Random123's kat_vectors: counter, key, words.
@@ -130,10 +130,3 @@ def test_every_counter_draws_its_own_numbers() -> None:
     np.testing.assert_array_equal(sets[0], normals(0, 0, 0, 6, 4))
     # More particles or degrees of freedom leave those that are there as they are.
     np.testing.assert_array_equal(sets[0], normals(0, 0, 0, 9, 7)[:6, :4])
-
-
-def test_offsets_of_the_set_are_uniform() -> None:
-    offsets = [uniform(0, frame, layer) for frame in range(60) for layer in range(10)]
-    assert stats.kstest(offsets, "uniform").pvalue > 1e-3
-    assert len(set(offsets)) == len(offsets)
-    assert uniform(0, 3, 2) == uniform(0, 3, 2) != uniform(1, 3, 2)

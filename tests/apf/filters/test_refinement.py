@@ -228,12 +228,3 @@ def test_nothing_to_refine_on(device: Device) -> None:
     np.testing.assert_allclose(found, mean, atol=1e-6)
     off = CONFIG.with_changes(refinement_steps=0)
     assert Refinement(device, body, off).launcher(device.zeros((300, 4), np.float32), mean) == []
-
-
-def test_repeats_to_the_bit(device: Device) -> None:
-    body = load_body("song31")
-    pose = bodies.random_poses(body, 1)[0]
-    points = bodies.surface_points(body, pose, 300)
-    first = on_device(device, body, pose + body.sigma, points, CONFIG)[0]
-    second = on_device(device, body, pose + body.sigma, points, CONFIG)[0]
-    np.testing.assert_array_equal(first, second)

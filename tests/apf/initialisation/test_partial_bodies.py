@@ -20,7 +20,6 @@ from apf.initialisation.hypotheses import highest_point, standing_pose
 from apf.initialisation.shape_fit import Cloud
 from apf.initialisation.start import StartError, check_startable
 from apf.scene import Scene
-from apf.tracking.pipeline import track_voxels
 from apf.tracking.trackers import make_recovering_tracker
 from cl import Device
 
@@ -139,8 +138,8 @@ def test_partial_bodies_are_not_lost_for_the_parts_that_they_lack(name: str) -> 
     poses = [*(walker(k) for k in range(3)), *(walker(k, 0.45) for k in range(3, 5))]
     method = Method.create(n_particles=100, n_layers=6, part_colour_weight=0.0)  # no pictures
     tracker = make_recovering_tracker(scene, method)
-    frames = ((k, surface_voxels(device, pose)) for k, pose in enumerate(poses))
-    _, estimates = track_voxels(tracker, start, frames)
+    tracker.start(start)
+    estimates = [tracker.step(surface_voxels(device, pose)) for pose in poses]
     assert not any(estimate.lost for estimate in estimates)
     for estimate, true in zip(estimates, poses, strict=True):
         assert error(body, estimate.pose, true) < 0.15

@@ -8,12 +8,11 @@ import numpy as np
 import pytest
 from helpers import bodies, scenes
 from helpers.kinds import other_kind
-from helpers.likelihoods import Setup, assert_cost_nothing, only, smooth_maps
+from helpers.likelihoods import Setup, only, smooth_maps
 from helpers.parity import traced
 from helpers.worlds import World
 
 from apf.body.kinematics import posed_cones
-from apf.body.model import BodyModel
 from apf.filters.annealed import AnnealedParticleFilter
 from apf.filters.config import FilterConfig
 from apf.likelihood.part_colour import (
@@ -272,25 +271,3 @@ def test_trackers_learn_at_their_estimates(device: Device) -> None:
     assert expected.sum() > 100 and colours.ratios.get().any()
     tracker.start(world.pose(0))
     assert not colours.ratios.get().any()
-
-
-def test_without_pictures_colours_cost_nothing(device: Device) -> None:
-    assert_cost_nothing(device, part_colour_weight=4.0)
-
-
-def test_changed_bodies_keep_their_parts(device: Device) -> None:
-    """A body of another size has other rows; what was learnt stays."""
-    world = World(device)
-    config = FilterConfig().likelihood
-    likelihood = VoxelLikelihood(world.scene(), config, 4)
-    larger: BodyModel = SONG.scaled(dict.fromkeys(SONG.scale_groups, 1.3), {})
-    fresh = VoxelLikelihood(Scene(device, world.rig, world.grid, larger), config, 4)
-    likelihood.change_body(larger)
-    poses = device.to_device(np.tile(world.pose(0), (4, 1)).astype(np.float32))
-    found = []
-    for one in (likelihood, fresh):
-        one.observe(world.voxels(0))
-        for launch in one.launcher(poses):
-            launch()
-        found.append(one.errors.get())
-    np.testing.assert_array_equal(*found)

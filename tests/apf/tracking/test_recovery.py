@@ -17,7 +17,7 @@ from apf.filters.method import Method
 from apf.initialisation.kept_voxels import StoredVoxels
 from apf.initialisation.start import StartError
 from apf.scene import Scene
-from apf.tracking.pipeline import build_track, track_voxels
+from apf.tracking.pipeline import build_track
 from apf.tracking.recovery import (
     GLOBAL_RESTART,
     LOCAL_RESTART,
@@ -190,9 +190,9 @@ def test_one_who_leaves_and_comes_back_elsewhere_is_tracked_again(
     poses = [*(walker(k) for k in range(4)), *[None] * 3, *(walker(k, 1.0) for k in range(7, 10))]
     method = Method.create(n_particles=100, n_layers=6)
     tracker = make_recovering_tracker(Scene(device, scenes.ring(4), GRID, SONG), method)
-    frames = ((k, surface_voxels(device, pose)) for k, pose in enumerate(poses))
-    indices, estimates = track_voxels(tracker, walker(0), frames)
-    track = build_track(SONG, 60.0, indices, estimates, {})
+    tracker.start(walker(0))
+    estimates = [tracker.step(surface_voxels(device, pose)) for pose in poses]
+    track = build_track(SONG, 60.0, list(range(len(poses))), estimates, {})
     # The search everywhere is tried in every fifth lost frame: in frames 4 and 9.
     assert track.lost.tolist() == [False] * 4 + [True] * 5 + [False]
     assert GLOBAL_RESTART in track.diagnostics["restart"]

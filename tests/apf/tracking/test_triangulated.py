@@ -17,7 +17,7 @@ import psfs
 from apf.body.kinematics import posed_joints
 from apf.body.toml import load_body
 from apf.cli import main
-from apf.formats.trc import JointSeries, read_trc
+from apf.formats.trc import read_trc
 from apf.keypoints.estimation import write_openpose
 from apf.keypoints.keypoints import Keypoints, TriangulationConfig
 from apf.keypoints.readers.orders import BODY_25, MEDIAPIPE
@@ -64,18 +64,6 @@ def test_exact_keypoints_give_the_exact_points(folder: Path) -> None:
     some = triangulate_track(sequence, keypoints, selection=slice(4, 20, 4))
     assert some.frames.tolist() == [4, 8, 12, 16]
     np.testing.assert_array_equal(some.joints, track.joints[4:20:4])
-
-
-def test_it_is_evaluated_as_a_track_is(folder: Path) -> None:
-    sequence = psfs.open_sequence(folder)
-    track = triangulate_track(sequence, Keypoints.open(folder, sequence))
-    truth = JointSeries(
-        tuple(BODY.joint_names), posed_joints(BODY, POSES), sequence.fps, np.arange(FRAMES)
-    )
-    found = apf.evaluate(track, truth)
-    assert set(found.joint_names) == {"pelvis", *(f"{s}_{joint}" for s in "lr" for joint in LIMBS)}
-    assert 0.005 < found.mean_error < 0.03  # keypoints are no joint centres
-    assert np.nanmax(found.constant_and_rest[1]) < 1e-3
 
 
 def test_gaps_and_noise(folder: Path) -> None:

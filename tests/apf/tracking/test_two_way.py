@@ -75,18 +75,6 @@ def test_the_best_path_is_the_cheapest_of_all() -> None:
         assert tuple(find_best_path(costs, changes)) == cheapest
 
 
-def test_ways_that_agree_give_their_mean() -> None:
-    rest = BODY.rest_pose
-    ahead, behind = 4 * [moved(rest, r_forearm__ry=0.2)], 4 * [moved(rest, r_forearm__ry=-0.2)]
-    np.testing.assert_allclose(together(ahead, behind), 4 * [rest], atol=1e-12)
-    frames = [[estimate(p) for p in of] for of in zip(ahead, behind, strict=True)]
-    found = fuse_passes(frames, np.zeros((4, 2 + 2 * N_LIMBS)))
-    np.testing.assert_allclose(found[0].deviation, 0.02 / np.sqrt(2))
-    apart = np.array([one.disagreement for one in found])
-    assert apart[:, RIGHT_ARM].min() > LEAST_DISTANCE
-    assert np.delete(apart, RIGHT_ARM, 1).max() == pytest.approx(LEAST_DISTANCE)
-
-
 def test_the_mean_is_of_the_ways_that_agree() -> None:
     """Of four, the one that has an arm elsewhere counts for the rest of the body alone."""
     rest = BODY.rest_pose
@@ -154,11 +142,6 @@ def test_every_body_has_both_ways(name: str) -> None:
     found = fuse_passes(list(zip(way, way, strict=True)), errors)
     np.testing.assert_allclose([one.pose for one in found], poses, atol=1e-12)
     assert exchange_limbs(body, poses[:2]).shape == (errors.shape[1], body.n_dof)
-
-
-def test_whole_turns_are_no_difference() -> None:
-    turned = moved(BODY.rest_pose, pelvis__rz=2 * np.pi)
-    np.testing.assert_allclose(together([BODY.rest_pose], [turned]), [BODY.rest_pose])
 
 
 def test_a_limb_is_of_the_way_that_fits_over_the_frames() -> None:

@@ -4,47 +4,18 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import cv2
 import numpy as np
 import pytest
 from helpers import scenes
 from helpers.parity import traced
-from helpers.shared import shared_data
 
 from cl import Device, InputError, NumpyDevice
-from psfs.cameras.camera import Camera, CameraRig
-from psfs.cameras.footprints import pixel_boxes, voxel_footprints
+from psfs.cameras.footprints import voxel_footprints
 from psfs.reconstructor import Reconstructor
 from psfs.reference.reconstructor import NumpyReconstructor, frame_evidence
 from psfs.reference.surface import nearest_depth, surface_colour
-from psfs.sequence import Frame, Sequence
-from psfs.voxels.grid import VoxelCloud, VoxelGrid
-
-
-def recoloured(cloud: VoxelCloud, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
-    """Picture (H, W, 3) uint8 BGR of a coloured cloud, and (H, W) bool where it shows a voxel.
-
-    Every voxel covers the bounding box of its projected cube, nearer ones hide others. Raises
-    ValueError if the cloud has no colours.
-    """
-    if cloud.colour is None:
-        raise ValueError("expected a cloud with colours")
-    width, height = camera.size
-    footprint = voxel_footprints(CameraRig((camera,)), cloud.grid.voxel_size)[0]
-    boxes = pixel_boxes(camera, cloud.centres, footprint)
-    far_to_near = np.argsort(-boxes[3], kind="stable")
-    shown, low, end = (values[far_to_near] for values in boxes[:3])
-    picture, covered = np.zeros((height, width, 3), np.uint8), np.zeros((height, width), bool)
-    for voxel, (x0, y0), (x1, y1) in zip(shown, low, end, strict=True):
-        picture[y0:y1, x0:x1] = cloud.colour[voxel, ::-1]
-        covered[y0:y1, x0:x1] = True
-    return picture, covered
-
-
-def peak_signal_to_noise(picture: np.ndarray, recoloured: np.ndarray, inside: np.ndarray) -> float:
-    """PSNR, dB, of 8-bit pictures (H, W, 3) over the pixels `inside` (H, W) bool."""
-    error = picture[inside].astype(np.float64) - recoloured[inside]
-    return float(10 * np.log10(255**2 / np.maximum((error**2).mean(), 1e-12)))
+from psfs.sequence import Frame
+from psfs.voxels.grid import VoxelGrid
 
 
 def both(device: Device, rig, grid, frame, background=None) -> tuple[np.ndarray, np.ndarray]:
@@ -93,13 +64,6 @@ def test_depths_agree_with_the_twin(device: Device, views: int) -> None:
         assert np.isclose(depths[view], expected, rtol=1e-5).mean() > 0.99
 
 
-def test_pictures_with_a_background_agree_with_the_twin(device: Device) -> None:
-    rig = scenes.ring(4)
-    frame, background = scenes.pictures_of(rig)
-    colours, expected = both(device, rig, scenes.small_grid(), frame, background)
-    assert (colours != expected).any(1).mean() < 0.03
-
-
 def test_voxels_around_and_behind_the_cameras(device: Device) -> None:
     rig = scenes.ring(3)
     grid = VoxelGrid.covering(np.full(3, -4.0), np.full(3, 4.0), 0.25)
@@ -107,14 +71,6 @@ def test_voxels_around_and_behind_the_cameras(device: Device) -> None:
     frame = scenes.frame(images=frame.images, masks=np.full_like(frame.masks, 255))
     colours, expected = both(device, rig, grid, frame)
     assert (colours != expected).any(1).mean() < 0.03
-
-
-def test_no_voxels_have_no_colours(device: Device) -> None:
-    rig = scenes.ring(2)
-    frame = painted(rig)
-    frame = scenes.frame(images=frame.images, masks=np.zeros_like(frame.masks))
-    voxels = Reconstructor(device, rig, scenes.small_grid(), None)(frame)
-    assert voxels.cloud(colour=True).colour.shape == (0, 3)
 
 
 def test_a_voxel_behind_another_takes_no_colour_from_that_side(device: Device) -> None:
@@ -155,22 +111,3 @@ def test_masks_alone_have_no_colours(device: Device, twin: bool) -> None:
     voxels = kind(device, rig, scenes.small_grid(), None)(frame)
     with pytest.raises(InputError, match="no pictures"):
         voxels.cloud(colour=True)
-
-
-def test_recoloured_pictures_resemble_the_pictures(device: Device) -> None:
-    folder = shared_data("synth_walk_8cam")
-    sequence = Sequence.open(folder)
-    volume = (np.array([-2.5, -2.5, 0.0]), np.array([2.5, 2.5, 2.1]))
-    grid = VoxelGrid.covering(*volume, 0.02)
-    frame = sequence.read(40)
-    reconstructor = Reconstructor(device, sequence.rig, grid, sequence.background, sparse=True)
-    cloud = reconstructor(frame).cloud(colour=True)
-    ratios = []
-    for view, camera in enumerate(sequence.rig):
-        path = folder / "truth_masks" / f"{camera.name}_{frame.index:06d}.png"
-        truth = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE) > 127
-        picture, covered = recoloured(cloud, camera)
-        assert covered[truth].mean() > 0.88
-        # What no voxel covers counts as black.
-        ratios.append(peak_signal_to_noise(frame.images[view], picture, truth))
-    assert np.mean(ratios) > 20

@@ -11,8 +11,9 @@ from cl import Device, NumpyDevice
 from psfs.cameras.footprints import voxel_footprints
 from psfs.reconstructor import Reconstructor
 from psfs.reference.reprojection import NumpyReprojection, boundary, proximity, splat
+from psfs.reference.surface import surface_voxels
 from psfs.voxels.grid import VoxelGrid
-from psfs.voxels.host_voxels import HostVoxels, surface_indices, voxel_silhouette
+from psfs.voxels.host_voxels import HostVoxels, voxel_silhouette
 from psfs.voxels.reprojection import Reprojection, edge_reach, proximity_table
 
 
@@ -49,7 +50,7 @@ def test_edges_are_exact_for_the_same_silhouette(device: Device) -> None:
 def test_the_host_has_the_twins_silhouette() -> None:
     rig, grid = scenes.ring(3), VoxelGrid.covering(np.full(3, -4.0), np.full(3, 4.0), 0.25)
     occupied = np.random.default_rng(0).random(grid.shape) < 0.01
-    centres = grid.centres(surface_indices(occupied))
+    centres = grid.centres(surface_voxels(occupied))
     for camera, footprint in zip(rig, voxel_footprints(rig, grid.voxel_size), strict=True):
         inputs = (camera, centres, footprint, (rig.height, rig.width))
         np.testing.assert_array_equal(voxel_silhouette(*inputs), splat(*inputs))
