@@ -36,7 +36,7 @@ def film(path: Path, sound: np.ndarray | None, frames: int = 50) -> None:
         video.width, video.height, video.pix_fmt = 64, 48, "yuv420p"
         audio = container.add_stream("aac", rate=RATE, layout="mono") if sound is not None else None
         for number in range(frames):
-            picture = np.full((48, 64, 3), 4 * number, np.uint8)
+            picture = np.full((48, 64, 3), 4 * number % 256, np.uint8)
             container.mux(video.encode(av.VideoFrame.from_ndarray(picture, format="bgr24")))
         container.mux(video.encode())
         if audio is not None and sound is not None:
@@ -64,6 +64,25 @@ def test_cameras_are_shifted_by_their_sound(takes: Path) -> None:
     # The first common picture is 7 of a, 0 of b and 12 of c.
     np.testing.assert_allclose([image.mean() for image in images], [28, 0, 48], atol=4)
     assert parse_sync("audio") == "audio"
+
+
+def test_a_clock_that_runs_differently_is_followed(tmp_path: Path) -> None:
+    """Of two phones one counts 0.5 % more seconds, and begins 0.35 s later."""
+    random, frames, speed = np.random.default_rng(6), 600, 1.005
+    sound = room(frames / FPS + 2)
+    ticks = np.arange(frames / FPS * RATE)
+    for name, places in (("a", ticks), ("b", 0.35 * RATE + ticks / speed)):
+        heard = np.interp(places, np.arange(len(sound)), sound)
+        film(
+            tmp_path / "videos" / f"{name}.mp4",
+            heard + 0.002 * random.normal(size=len(ticks)),
+            frames,
+        )
+    views = open_uncalibrated(tmp_path, SequenceSettings(sync="audio"))
+    assert views.settings.sync["b"] == [-7, pytest.approx(speed, abs=2e-5)]
+    a, b = (np.array(item.picks) for item in views.footage.images)
+    assert len(a) > 580 and np.abs(a - (7 + b / speed)).max() < 0.55
+    assert any("b -7.04 (its clock runs +0.500%)" in note for note in views.notes)
 
 
 def test_fractions_of_a_frame_are_told(tmp_path: Path) -> None:

@@ -108,8 +108,9 @@ def test_inverse_kinematics_by_opensim(tmp_path: Path) -> None:
     assert np.abs(found - ours).max() < 4
 
 
-def test_opensim_reads_every_row(tmp_path: Path) -> None:
-    """With an arm and then the whole person lost, also in the last frames."""
+def test_opensim_reads_every_row(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """With the person lost, also in the last frames."""
+    monkeypatch.chdir(tmp_path)  # it writes a log
     opensim = pytest.importorskip("opensim", reason="reads the files with OpenSim's own classes")
     track = tracks.walker()
     lost = np.arange(len(track)) >= len(track) - 2
