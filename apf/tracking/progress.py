@@ -25,14 +25,15 @@ class _Cost(NamedTuple):
 
 
 #: In their order; those of all people together, then those of each person.
-_FOR_ALL = {"opening": _Cost(0.5), "examining": _Cost(3), "people": _Cost(0.6)}
+_FOR_ALL = {"opening": _Cost(0.5), "examining": _Cost(4), "people": _Cost(0.8)}
 _FOR_EACH = {
-    **{"volume": _Cost(0.6), "start": _Cost(4), "preparing": _Cost(0.4)},
-    **{"tracking": _Cost(0, 0.013), "tracking back": _Cost(0, 0.012), "fitting": _Cost(2)},
+    **{"volume": _Cost(0.4), "start": _Cost(3), "preparing": _Cost(0.4)},
+    **{"tracking": _Cost(0, 0.012), "tracking back": _Cost(0, 0.005), "fitting": _Cost(2, 0.04)},
     **{"overlay": _Cost(0, 0.02), "judging": _Cost(2)},
 }
+_ORDER = (*_FOR_ALL, *_FOR_EACH)
 #: The stages that report after every frame.
-BY_FRAMES = frozenset(stage for stage, cost in _FOR_EACH.items() if cost.frame)
+BY_FRAMES = frozenset(("tracking", "tracking back", "overlay"))
 #: Factor of the frames' time on a device that is no GPU.
 _CPU_FRAMES = 8.0
 
@@ -66,7 +67,7 @@ class StageProgress(ABC):
         """Learn which stages there will not be, and the kind of device."""
         slower = 1.0 if is_gpu else _CPU_FRAMES
         self._costs = {
-            stage: cost._replace(frame=slower * cost.frame)
+            stage: cost._replace(frame=slower * cost.frame) if stage in BY_FRAMES else cost
             for stage, cost in {**_FOR_ALL, **_FOR_EACH}.items()
             if stage not in left_out
         }
@@ -103,25 +104,25 @@ class ProgressLine(StageProgress):
     def __init__(self, bar: Progress) -> None:
         super().__init__()
         self._bar = bar
-        self._left = set[str]()  # the stages that are over
+        self._furthest = 0  # the last of the stages so far, in their order
         self._person, self._n_people = 1, 1
         self._task = bar.add_task("opening", total=None)
 
     def begin_person(self, n_frames: int, number: int, of: int) -> None:
         super().begin_person(n_frames, number, of)
         self._person, self._n_people = number, of
-        self._left -= _FOR_EACH.keys()
+        self._furthest = len(_FOR_ALL)
 
     def __call__(self, stage: str) -> None:
         self._done[stage] += 1
         self._enter(stage)
 
     def _enter(self, stage: str) -> None:
-        if stage != self._stage:
-            self._left.add(self._stage)
-            self._stage = stage
-        n, cost = self._n_frames, self._costs.get(stage)
-        counted = f" {min(n, self._done[stage])}/{n}" if cost is not None and cost.frame else ""
+        self._stage = stage
+        if stage in _ORDER:
+            self._furthest = max(self._furthest, _ORDER.index(stage))
+        n = self._n_frames
+        counted = f" {min(n, self._done[stage])}/{n}" if stage in BY_FRAMES else ""
         words = f"{self._whose}{stage}{counted}"
         done, whole = self._measure_work()
         self._bar.update(self._task, description=words, completed=done, total=whole)
@@ -131,9 +132,10 @@ class ProgressLine(StageProgress):
         n, done, whole = self._n_frames, 0.0, 0.0
         for stage, cost in self._costs.items():
             before, people = (self._person - 1, self._n_people) if stage in _FOR_EACH else (0, 1)
-            of_frames = cost.frame * (n * before + min(n, self._done[stage]))
-            done += cost.whole * (before + (stage in self._left)) + of_frames
-            whole += people * (cost.whole + n * cost.frame)
+            size = cost.whole + n * cost.frame
+            now = min(n, self._done[stage]) * cost.frame if stage in BY_FRAMES else size
+            reached = stage in BY_FRAMES or _ORDER.index(stage) < self._furthest
+            done, whole = done + before * size + reached * now, whole + people * size
         return done, whole
 
 

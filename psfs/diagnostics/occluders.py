@@ -60,7 +60,8 @@ def find_hidden_pixels(session: Session, config: OccluderConfig | None = None) -
     )
     picked = pick_evenly(len(sequence), _SAMPLES).tolist()
     with sequence.reader(learning=False) as read:
-        evidence = [evidence_of(shrink.frame(read(i))).copy() for i in picked]
+        frames = shrink.frames(map(read, picked))
+        evidence = [evidence_of(frame).copy() for frame in frames]
     try:
         volume = find_volume(session)
     except InputError:  # which the stages that need a volume report

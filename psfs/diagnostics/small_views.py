@@ -18,6 +18,7 @@ from psfs.cameras.camera import CameraRig
 from psfs.cameras.scaling import scale_pictures
 from psfs.common.numbers import pick_evenly
 from psfs.diagnostics.config import FaultConfig
+from psfs.footage.prefetch import prefetch
 from psfs.sequence import Frame, Sequence
 from psfs.silhouettes.config import AppearanceConfig, FloorConfig, SilhouetteConfig
 
@@ -95,7 +96,7 @@ def small_views(
     backgrounds = None if background is None else _grey(background.mean.astype(np.uint8))
     outlines, foreground, gains, changes, masks, pictures = [], [], [], [], [], []
     before: np.ndarray | None = None
-    shown = (shrink.frame(frame) for frame in sequence.frames(slice(frames.start, frames.stop)))
+    shown = shrink.frames(sequence.frames(slice(frames.start, frames.stop)))
     for number, (small, evidence) in enumerate(_compute_ahead(shown, begin)):
         silhouettes = evidence > 0
         pairs = list(zip(shrink.small, silhouettes, strict=True))
@@ -202,6 +203,10 @@ class Shrink:
         images = None if frame.images is None else self(frame.images)
         masks = None if frame.masks is None else self(frame.masks)
         return replace(frame, images=images, masks=masks)
+
+    def frames(self, frames: Iterable[Frame]) -> Iterator[Frame]:
+        """Yield small frames, which another thread scales ahead of the caller."""
+        return prefetch((self.frame(frame) for frame in frames), depth=4)
 
     def background(self, background: Background | None) -> Background | None:
         """Return the small background. Its noise is assumed as large as in the full pictures, since

@@ -188,8 +188,8 @@ class _Search:
 
     def _read_frames(self, indices: range) -> Iterator[Frame]:
         """Yield the frames in small pictures."""
-        for frame in self.session.sequence.frames(select_span(indices, indices.step)):
-            yield self._shrink.frame(frame)
+        selection = select_span(indices, indices.step)
+        return self._shrink.frames(self.session.sequence.frames(selection))
 
     def _carve(self, frame: Frame) -> CoarseFrame:
         return self.space(frame.index, self._evidence_of(frame))

@@ -53,7 +53,7 @@ def test_each_persons_frames_are_counted_from_the_first() -> None:
     assert done == sorted(done) and 0.5 * task.total < done[-1] < task.total
     line.n_frames = 3  # of all together
     line("overlay")
-    assert task.description == "overlay"
+    assert task.description == "overlay 1/3"
 
 
 @pytest.mark.parametrize("n_seen", [1, 2, 3])
