@@ -48,7 +48,7 @@ def apply_sound(
     rates = [settings.fps or item.fps or known for item in media]
     delays = measure_delays(media, rates)
     shown = ", ".join(
-        f"{name} {late:+.2f}" + (f" (its clock runs {speed - 1:+.3%})" if speed != 1 else "")
+        f"{name} {late:+.2f}" + (f" (its clock runs {speed - 1:+.2%})" if speed != 1 else "")
         for name, (late, speed) in delays.items()
     )
     note = f"late by the sound, in frames: {shown}; videos are shifted by whole frames"
