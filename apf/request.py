@@ -423,6 +423,11 @@ class LiveRequest(StartRequest):
         bool,
         Flag("show the body, latency and dropped frames on a page in the browser, see apf studio"),
     ] = False
+    send: Annotated[
+        tuple[str, ...] | None,
+        Flag("send each pose at once: vmc (VSeeFace, Warudo, Unreal, Blender), osc, websocket or "
+             "lsl, also as vmc:HOST:PORT", "KIND", nargs="+"),
+    ] = None  # fmt: skip
     live: Annotated[LiveConfig, Part(only=(), table="live")] = part(LiveConfig)
     #: Whether the search's noise is stated, rather than that of `live`.
     own_noise: bool = False

@@ -28,9 +28,10 @@ from apf.filters.method import Method
 from apf.formats.trc import JointSeries
 from apf.live.config import LiveConfig
 from apf.live.pace import Pace, PaceReporter
+from apf.live.send import open_senders, parse_target
 from apf.live.session import Live, LiveResult, LiveStart, list_sizes
 from apf.live.sources import Source, fitting_factor
-from apf.live.timeline import Timeline, live_errors
+from apf.live.timeline import Timeline, live_errors, summarise_seconds
 from apf.request import LiveRequest
 from apf.takes.results import RESULTS, Keeper, remove_parts, write_files
 from apf.takes.start import check_start
@@ -119,7 +120,10 @@ def _live(
         warn(f"{pace}; {pace.advice}")
     provenance = {**method.describe(), "device": device.name}
     keep = PartKeeper(request.output, live, provenance)
-    result, takes = _run(request, live, start, pace, keep)
+    bodies = [person.body for person in live.persons]
+    with open_senders(request.send or (), bodies) as senders:
+        live.listeners = [sender.send for sender in senders]
+        result, takes = _run(request, live, start, pace, keep)
     if not result.frames:
         raise result.error or InputError("no frame was tracked; expected at least one")
     try:
@@ -152,6 +156,8 @@ def _write_run(
     write_settings(request.output, request, ["method", "live"])
     summary = live.timeline.summary() | {"sizes": result.sizes, "scale": scale}
     summary |= _write_tracks(request.output, tracks) | compare_with_truth(tracks, result, truth)
+    if result.sent_after:
+        summary["packet_ms"] = summarise_seconds(np.array(result.sent_after))
     write_json(request.output / "live.json", summary)
     live.timeline.plot(request.output / "timeline.png")
     print_summary(summary, request.output)
@@ -277,6 +283,8 @@ def _report_to(*listeners: Progress) -> Progress:
 
 
 def _check_ranges(request: LiveRequest) -> None:
+    for text in request.send or ():
+        parse_target(text)
     if request.scale is not None and not 0.05 <= request.scale <= 1:
         raise InputError(f"--scale is {request.scale}; expected 0.05 to 1")
     if request.captures:
@@ -337,6 +345,8 @@ def print_summary(summary: dict[str, Any], folder: Path) -> None:
         f"latency {latency['mean']:.0f} ms, 95 % {latency['p95']:.0f}, "
         f"most {latency['max']:.0f}{frames}"
     )
+    if packet := summary.get("packet_ms"):
+        stdout.print(f"from picture to packet {packet['mean']:.0f} ms, 95 % {packet['p95']:.0f}")
     for stage, ms in summary["stages_ms"].items():
         if ms is not None:
             stdout.print(f"  {stage}: {ms['mean']:.1f} ms, 95 % {ms['p95']:.1f}")

@@ -6,6 +6,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
 
@@ -16,6 +17,7 @@ from apf.filters.base import Estimate
 from apf.filters.method import Method
 from apf.live.config import LiveConfig
 from apf.live.people import LivePerson, Observer, Seen, VoxelObserver, observe_features
+from apf.live.send import SentPose
 from apf.live.sources import ACQUISITION, Newest, Shot, Smaller, Source
 from apf.live.timeline import Timeline
 from apf.scene import Scene
@@ -120,12 +122,14 @@ class ObservedFrame:
 class LiveResult:
     """Result of a live run. frames: indices with a pose. estimates: of these frames, one of each
     person. latencies: s from each frame's appearance to its pose. sizes: (frame, particles, layers)
-    of each change of the search, with the first frame that used it. error: that ended the run."""
+    of each change of the search, with the first frame that used it. sent_after: s from each frame's
+    appearance to its last packet, if poses are sent. error: that ended the run."""
 
     frames: list[int] = field(default_factory=list)
     estimates: list[list[Estimate]] = field(default_factory=list)
     latencies: list[float] = field(default_factory=list)
     sizes: list[tuple[int, int, int]] = field(default_factory=list)
+    sent_after: list[float] = field(default_factory=list)
     error: BaseException | None = None
 
     @property
@@ -181,6 +185,8 @@ class Live:
         self.device, self.body = device, start.body
         self.timeline, self.result = Timeline(STAGES), LiveResult()
         self._searches, self._budget, self._follow, self._scale = searches, budget, follow, scale
+        #: What is called with each pose as soon as it is known, such as `Sender.send`.
+        self.listeners: list[Callable[[SentPose], object]] = []
         self._overlaps = device.is_gpu
         self.processor = device.sibling()
         self._begin(source, start)
@@ -366,6 +372,12 @@ class Live:
         self.result.frames.append(observed.shot.frame.index)
         self.result.estimates.append(kept)
         self.result.latencies.append(latency)
+        pose = SentPose(observed.shot.frame.index, observed.shot.time, kept)
+        for listener in self.listeners:
+            with suppress(OSError):  # nobody is there now; the next pose may be heard
+                listener(pose)
+        if self.listeners:
+            self.result.sent_after.append(self.timeline.now() - observed.shot.time)
 
     # Preparation ----------------------------------------------------------------------------
 

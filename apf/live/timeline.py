@@ -115,12 +115,12 @@ class Timeline:
         return {
             "results": self._n_results,
             "fps": round(float(1 / intervals.mean()), 2) if intervals.size else None,
-            "latency_ms": _statistics(latencies),
+            "latency_ms": summarise_seconds(latencies),
             "latency_frames": (
                 round(float(np.mean(latencies) / intervals.mean()), 2) if intervals.size else None
             ),
-            "interval_ms": _statistics(intervals),
-            "stages_ms": {stage: _statistics(values) for stage, values in durations.items()},
+            "interval_ms": summarise_seconds(intervals),
+            "stages_ms": {stage: summarise_seconds(values) for stage, values in durations.items()},
             "dropped": self.dropped,
         }
 
@@ -185,7 +185,7 @@ class Timeline:
         )
 
 
-def _statistics(seconds: np.ndarray) -> dict[str, float] | None:
+def summarise_seconds(seconds: np.ndarray) -> dict[str, float] | None:
     """Return mean, 95th percentile and maximum, ms."""
     if not seconds.size:
         return None

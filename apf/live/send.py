@@ -1,0 +1,270 @@
+"""Send live poses to other programs while they come: as VMC or OSC over UDP, by a WebSocket, or as
+streams of the Lab Streaming Layer.
+
+VMC is what VSeeFace, Warudo and plugins of Unreal and Blender read (protocol.vmc.info): OSC with
+Unity's names of bones, each bone's rotation relative to its parent, and the hips' position;
+metres, Y up, Z forward, X to the right. The other three send the joints, metres, Z up.
+"""
+
+from __future__ import annotations
+
+import json
+import socket
+import threading
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from apf.body.kinematics import posed_joints
+from apf.body.model import BodyModel
+from apf.filters.base import Estimate
+from apf.formats.skeleton import build_skeleton
+from cl import InputError
+
+#: Where each kind is sent to, or served, without a stated host and port.
+PORTS = {"vmc": 39539, "osc": 9000, "websocket": 8765, "lsl": 0}
+#: Unity's names of our skeleton's nodes, where they differ.
+_UNITY = {"Arm": "UpperArm", "ForeArm": "LowerArm", "UpLeg": "UpperLeg", "Leg": "LowerLeg"}
+#: Time after which a page of the WebSocket that reads nothing is let go, s.
+_PATIENCE = 5.0
+
+
+@dataclass(frozen=True)
+class Target:
+    """A kind of `PORTS`, and the address."""
+
+    kind: str
+    host: str
+    port: int
+
+
+@dataclass(frozen=True, eq=False)
+class SentPose:
+    """The estimates of all people in a frame. time: of the frame's appearance, s of the run."""
+
+    frame: int
+    time: float
+    estimates: Sequence[Estimate]
+
+
+def parse_target(text: str) -> Target:
+    """Return what `KIND`, `KIND:PORT` or `KIND:HOST:PORT` says. Raises InputError."""
+    kind, *rest = text.split(":")
+    host = rest[0] if len(rest) == 2 and rest[0] else "127.0.0.1"
+    port = rest[-1] if rest else str(PORTS.get(kind, 0))
+    known = kind in PORTS and len(rest) <= 2 and port.isdecimal() and (kind != "lsl" or not rest)
+    if not known or int(port) > 65535:
+        raise InputError(
+            f"--send {text}: expected {', '.join(PORTS)}, of all but lsl also with :PORT or "
+            ":HOST:PORT"
+        )
+    return Target(kind, host, int(port))
+
+
+class Sender(ABC):
+    """Sends poses of people with these bodies to one target."""
+
+    def __init__(self, target: Target, bodies: Sequence[BodyModel]) -> None:
+        self.bodies = bodies
+
+    @abstractmethod
+    def send(self, pose: SentPose) -> None:
+        """Send a pose; raises OSError."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """Free what it holds."""
+
+
+@contextmanager
+def open_senders(texts: Sequence[str], bodies: Sequence[BodyModel]) -> Iterator[list[Sender]]:
+    """Yield what sends to the targets that `texts` name. Raises InputError if a package is missing,
+    or an address cannot be used."""
+    kinds = {"vmc": VmcSender, "osc": OscSender, "websocket": WebSocketSender, "lsl": LslSender}
+    with ExitStack() as stack:
+        senders: list[Sender] = []
+        for target in map(parse_target, texts):
+            try:
+                sender: Sender = kinds[target.kind](target, bodies)  # type: ignore[abstract]
+            except ImportError as error:
+                raise InputError(
+                    f"--send {target.kind} needs {error.name}, which is not installed; expected: "
+                    "pip install psfs-apf[send]"
+                ) from None
+            except OSError as error:
+                where = f"{target.host}:{target.port}"
+                raise InputError(
+                    f"--send {target.kind}: {where} cannot be used: {error.strerror or error}"
+                ) from None
+            stack.callback(sender.close)
+            senders.append(sender)
+        yield senders
+
+
+class OscSender(Sender):
+    """Messages /apf/personN/lost i, then /apf/personN/JOINT x y z, a bundle a frame."""
+
+    def __init__(self, target: Target, bodies: Sequence[BodyModel]) -> None:
+        super().__init__(target, bodies)
+        from pythonosc.udp_client import UDPClient
+
+        socket.getaddrinfo(target.host, target.port)  # raises OSError for an unknown host
+        self._clients = [UDPClient(target.host, target.port + k) for k in self._list_ports()]
+
+    def _list_ports(self) -> range:
+        return range(1)
+
+    def send(self, pose: SentPose) -> None:
+        for number, estimate in enumerate(pose.estimates, 1):
+            joints = posed_joints(estimate.body, estimate.pose[None])[0]
+            at = f"/apf/person{number}"
+            messages: list[tuple[Any, ...]] = [(f"{at}/lost", int(estimate.lost))]
+            names = estimate.body.joint_names
+            messages += [(f"{at}/{n}", *map(float, p)) for n, p in zip(names, joints, strict=True)]
+            self._clients[0].send(_bundle(messages))
+
+    def close(self) -> None:
+        for client in self._clients:
+            client._sock.close()
+
+
+class VmcSender(OscSender):
+    """The Virtual Motion Capture protocol; each further person has the next port."""
+
+    def __init__(self, target: Target, bodies: Sequence[BodyModel]) -> None:
+        super().__init__(target, bodies)
+        self._skeletons = [build_skeleton(body) for body in bodies]
+
+    def _list_ports(self) -> range:
+        return range(len(self.bodies))
+
+    def send(self, pose: SentPose) -> None:
+        from scipy.spatial.transform import Rotation  # takes a while to load
+
+        for estimate, skeleton, client in zip(
+            pose.estimates, self._skeletons, self._clients, strict=True
+        ):
+            rotations, positions = skeleton.motion(estimate.body, estimate.pose[None])
+            # to Unity's left-handed axes, by a mirror across X = 0
+            turns = Rotation.from_matrix(rotations[0]).as_quat() * [1, -1, -1, 1]
+            places = positions[0] * [-1, 1, 1]
+            root = ("/VMC/Ext/Root/Pos", "root", 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
+            client.send(_bundle([("/VMC/Ext/OK", 1), ("/VMC/Ext/T", float(pose.time)), root]))
+            bones = [
+                ("/VMC/Ext/Bone/Pos", name_for_unity(node.name), *map(float, (*place, *turn)))
+                for node, place, turn in zip(skeleton.nodes, places, turns, strict=True)
+                if node.bone is not None
+            ]
+            client.send(_bundle(bones))
+
+
+def name_for_unity(name: str) -> str:
+    """Return Unity's name (HumanBodyBones) of a node of the skeleton."""
+    side = next((side for side in ("Left", "Right") if name.startswith(side)), "")
+    plain = name.removeprefix(side)
+    return side + _UNITY.get(plain, plain)
+
+
+def _bundle(messages: Sequence[tuple[Any, ...]]) -> Any:
+    from pythonosc.osc_bundle_builder import IMMEDIATELY, OscBundleBuilder
+    from pythonosc.osc_message_builder import OscMessageBuilder
+
+    bundle = OscBundleBuilder(IMMEDIATELY)
+    for address, *values in messages:
+        message = OscMessageBuilder(address)
+        for value in values:
+            message.add_arg(value)
+        bundle.add_content(message.build())
+    return bundle.build()
+
+
+class WebSocketSender(Sender):
+    """A server that sends each page the newest frame as JSON: frame, time, and people with name,
+    lost, and joints by name."""
+
+    def __init__(self, target: Target, bodies: Sequence[BodyModel]) -> None:
+        super().__init__(target, bodies)
+        from websockets.sync.server import serve
+
+        self._news = threading.Condition()
+        self._newest, self._count, self._closed = "", 0, False
+        self._server = serve(self._serve, target.host, target.port, close_timeout=_PATIENCE)
+        threading.Thread(target=self._server.serve_forever, daemon=True).start()
+
+    def send(self, pose: SentPose) -> None:
+        people = [
+            {
+                "name": f"person{number}",
+                "lost": bool(estimate.lost),
+                "joints": dict(
+                    zip(
+                        estimate.body.joint_names,
+                        posed_joints(estimate.body, estimate.pose[None])[0].round(5).tolist(),
+                        strict=True,
+                    )
+                ),
+            }
+            for number, estimate in enumerate(pose.estimates, 1)
+        ]
+        with self._news:
+            self._newest = json.dumps(
+                {"frame": pose.frame, "time": round(pose.time, 6), "people": people}
+            )
+            self._count += 1
+            self._news.notify_all()
+
+    def _serve(self, page: Any) -> None:
+        from websockets.exceptions import ConnectionClosed
+
+        count = self._count
+        with suppress(ConnectionClosed):
+            while not self._closed:
+                count, text = self._wait_for_news(count)
+                if text:
+                    page.send(text)
+
+    def _wait_for_news(self, count: int) -> tuple[int, str]:
+        with self._news:
+            news = self._news.wait_for(lambda: self._count > count or self._closed, 1.0)
+            return self._count, self._newest if news else ""
+
+    def close(self) -> None:
+        with self._news:
+            self._closed = True
+            self._news.notify_all()
+        with suppress(OSError):
+            self._server.shutdown()
+
+
+class LslSender(Sender):
+    """A stream for each person: x, y and z of each joint, m, at the time of its picture."""
+
+    def __init__(self, target: Target, bodies: Sequence[BodyModel]) -> None:
+        super().__init__(target, bodies)
+        import pylsl
+
+        self._clock, self._offset = pylsl.local_clock, np.inf
+        self._outlets = []
+        for number, body in enumerate(bodies, 1):
+            labels = [f"{name}_{axis}" for name in body.joint_names for axis in "xyz"]
+            info = pylsl.StreamInfo(f"apf person{number}", "MoCap", len(labels), 0, "float32")
+            channels = info.desc().append_child("channels")
+            for label in labels:
+                channel = channels.append_child("channel")
+                channel.append_child_value("label", label)
+                channel.append_child_value("unit", "meters")
+            self._outlets.append(pylsl.StreamOutlet(info))
+
+    def send(self, pose: SentPose) -> None:
+        # the least difference of the clocks is that of the pose that came soonest
+        self._offset = min(self._offset, self._clock() - pose.time)
+        for outlet, estimate in zip(self._outlets, pose.estimates, strict=True):
+            joints = posed_joints(estimate.body, estimate.pose[None])[0]
+            outlet.push_sample(joints.ravel().tolist(), pose.time + self._offset)
+
+    def close(self) -> None:
+        self._outlets.clear()
