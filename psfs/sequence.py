@@ -17,7 +17,7 @@ import numpy as np
 from cl import InputError
 from psfs.background.brightness import find_bright
 from psfs.background.chroma_key import key_from_media
-from psfs.background.gaussian import Background, estimate_background
+from psfs.background.gaussian import Background
 from psfs.background.mixture import Mixture
 from psfs.background.take import estimate_background_from_take
 from psfs.cameras.calibration.common import LEFT_HANDED, MIRROR
@@ -227,12 +227,10 @@ class Sequence:
     @cached_property
     def background(self) -> Background | None:
         """The empty scene, or None if frames come with masks. It is estimated on first use."""
-        if self.background_kind == "gaussian":
-            assert self.footage.background is not None
-            return estimate_background(self.rig, self.footage.background)
-        if self.background_kind == "frames":
+        if self.background_kind in ("gaussian", "frames"):
+            films = self.footage.background if self.background_kind == "gaussian" else None
             assert self.footage.images is not None
-            return estimate_background_from_take(self.rig, self.footage.images)
+            return estimate_background_from_take(self.rig, self.footage.images, films)
         if self.background_kind == "chroma":
             empty = self.footage.background
             assert self.footage.images is not None

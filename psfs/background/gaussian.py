@@ -6,6 +6,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import reduce
 from itertools import chain, islice
+from typing import TypeAlias
 
 import cv2
 import numpy as np
@@ -13,6 +14,9 @@ import numpy as np
 from psfs.cameras.camera import CameraRig
 from psfs.common.progress import map_in_threads
 from psfs.footage.media import Media
+
+#: Mean and standard deviation (h, w, 3) of pixels, grey levels.
+Moments: TypeAlias = tuple[np.ndarray, np.ndarray]
 
 _BAND_BYTES = 2**20  # processed at a time: this fits into a cache
 VIEWS_AT_ONCE = 4  # estimated in parallel at most; more need more memory for frames
@@ -46,11 +50,11 @@ class Background:
 def estimate_background(rig: CameraRig, media: Sequence[Media]) -> Background:
     """Estimate the background from all frames of an empty scene, one video or list of images per
     view."""
-    moments = map_in_threads(_view_moments, media, VIEWS_AT_ONCE)
+    moments = map_in_threads(view_moments, media, VIEWS_AT_ONCE)
     return Background(*stack_views(rig, moments))
 
 
-def _view_moments(view: Media) -> tuple[np.ndarray, np.ndarray]:
+def view_moments(view: Media) -> Moments:
     """Compute the `clipped_moments` of a view. If its frames fit into memory, they are decoded once
     and processed band by band, with the same result."""
     width, height = view.size

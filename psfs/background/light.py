@@ -108,14 +108,19 @@ def _slope_change(
     return np.linalg.solve(matrix, product @ place - slope * _FIELD_STD**-2)
 
 
+def light_fields(light: np.ndarray, shape: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
+    """Return the gains (h, w, 3) and offsets (3,), float32, of a light in a picture of a shape."""
+    height, width = shape[:2]
+    field = light[6] + light[7] * np.arange(width) + light[8] * np.arange(height)[:, None]
+    gains = light[:3].astype(np.float32) * field.astype(np.float32)[..., None]
+    return gains, light[3:6].astype(np.float32)
+
+
 def relight_picture(image: np.ndarray, light: np.ndarray) -> np.ndarray:
     """Return a picture (h, w, 3) uint8 relit by the background's light, in whole grey levels from 0
     to 255."""
-    height, width = image.shape[:2]
-    field = light[6] + light[7] * np.arange(width) + light[8] * np.arange(height)[:, None]
-    gains, offsets = light[:3].astype(np.float32), light[3:6].astype(np.float32)
-    own = (image - offsets) / (gains * field.astype(np.float32)[..., None])
-    return np.clip(own + np.float32(0.5), 0, 255).astype(np.uint8)
+    gains, offsets = light_fields(light, image.shape)
+    return np.clip((image - offsets) / gains + np.float32(0.5), 0, 255).astype(np.uint8)
 
 
 def light_launch(

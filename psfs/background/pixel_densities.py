@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 
 from psfs.background.config import BackgroundConfig
+from psfs.background.gaussian import Moments
 from psfs.common.colours import N_BINS, colour_bins
 
 #: Least change of a pixel over a take that is motion, grey levels: more than shades of a shadow and
@@ -32,6 +33,11 @@ def find_moving_region(frames: np.ndarray) -> np.ndarray:
     outliers = 1 if len(frames) > 3 else 0  # at either end
     change = (ordered[-1 - outliers] - ordered[outliers]).max(-1).astype(np.float32)
     changes = (change > max(_MOTION, 3 * float(np.median(change)))).view(np.uint8)
+    return close_region(changes)
+
+
+def close_region(changes: np.ndarray) -> np.ndarray:
+    """Return (h, w) bool: the pixels that change, uint8, with holes filled and without specks."""
     moving = cv2.morphologyEx(changes, cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
     gap = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (_GAP_PX, _GAP_PX))
     closed = cv2.morphologyEx(moving, cv2.MORPH_CLOSE, gap)
@@ -42,12 +48,35 @@ def find_moving_region(frames: np.ndarray) -> np.ndarray:
     return cv2.dilate(filled, np.ones((3, 3), np.uint8)) > 0
 
 
+def find_same(mean: np.ndarray, std: np.ndarray, film: Moments) -> np.ndarray:
+    """Return (h, w) bool: whether a film of the empty scene shows what the frames do; both moments
+    (h, w, 3). It is likelier than any colour."""
+    shown, height = film[0].reshape(1, -1, 3), len(mean)
+    both = np.hypot(std, film[1]).reshape(-1, 3)
+    density = _background_density(shown, mean.reshape(-1, 3), both) + _UNEXPLAINED
+    ratio = np.clip(np.log(density), -_LIMIT, _LIMIT).reshape(height, -1)
+    return np.asarray(cv2.blur(ratio, (3, 3)) > 0)
+
+
+def add_film(
+    mean: np.ndarray, std: np.ndarray, known: np.ndarray, film: Moments, same: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the moments (h, w, 3) of frames and film together, and where (h, w) they are known.
+    The frames are `known` and the film is the `same` (h, w)."""
+    share = (same / np.maximum(1.0, known * 1.0 + same))[..., None].astype(np.float32)
+    both = (1 - share) * mean + share * film[0]
+    variance = (1 - share) * (std**2 + (mean - both) ** 2)
+    variance += share * (film[1] ** 2 + (film[0] - both) ** 2)
+    return both, np.sqrt(variance), known | same
+
+
 class PixelDensities:
     """Log ratios of the person's colours over the background's in one camera's frames.
 
-    frames: (n, h, w, 3) uint8. region: (h, w) bool, beyond which nobody is. mean, std: (h, w, 3),
-    the frames' moments. from_median: whether they are the background at first; else it is
-    extrapolated from the nearest pixels outside of the region on either side, above and below.
+    frames: (n, h, w, 3) uint8. region: (h, w) bool, beyond which nobody is. moments: the frames'.
+    from_median: whether they are the background at first; else it is the `film` of the empty scene
+    or, without one, extrapolated from the nearest pixels outside of the region on either side,
+    above and below. same: (h, w) bool, where the film holds.
 
     All densities are relative to the uniform one, which is the person's at first.
     """
@@ -56,22 +85,26 @@ class PixelDensities:
         self,
         frames: np.ndarray,
         region: np.ndarray,
-        mean: np.ndarray,
-        std: np.ndarray,
+        moments: Moments,
         from_median: bool,
+        film: Moments | None,
     ) -> None:
         self._region, self._shape = region, frames.shape[:3]
         self._shown = frames[:, region].astype(np.float32)
         self._bins = colour_bins(self._shown)
-        self._around = _find_surroundings(cv2.blur(mean, (3, 3)), region)
+        self._around = _find_surroundings(cv2.blur(moments[0], (3, 3)), region)
         self._unseen = self._surrounding_density(self._shown)
-        self._person = np.ones(N_BINS)
-        self.learn(mean, std, np.full(region.shape, from_median))
+        self._person, self._film = np.ones(N_BINS), film
+        self.learn(*moments, from_median | ~region)
 
     def learn(self, mean: np.ndarray, std: np.ndarray, known: np.ndarray) -> None:
         """Take the moments (h, w, 3) for the background of the pixels that are `known` (h, w)."""
         region = self._region
-        estimated = self._density(self._shown, mean[region], std[region])
+        self.same = np.zeros(region.shape, bool)
+        if self._film is not None:
+            self.same = find_same(mean, std, self._film) | ~known
+            mean, std, known = add_film(mean, std, known, self._film, self.same)
+        estimated = _background_density(self._shown, mean[region], std[region])
         mixed = (1 - _UNEXPLAINED) * estimated + _UNEXPLAINED * self._unseen
         self._background = np.where(known[region], mixed, self._unseen)
 
@@ -120,23 +153,24 @@ class PixelDensities:
         looks as it does around the region."""
         std = np.float32(_EXTRAPOLATED_STD)
         near = sum(
-            share * self._density(shown, colour, np.full_like(colour, std))
+            share * _background_density(shown, colour, np.full_like(colour, std))
             for colour, share in self._around
         )
         return np.asarray((1 - _UNEXPLAINED) * near + _UNEXPLAINED, np.float32)
 
-    def _density(self, shown: np.ndarray, mean: np.ndarray, std: np.ndarray) -> np.ndarray:
-        """Return the density (n, pixels) of the colours `shown` (n, pixels, 3) before a background
-        of these moments (pixels, 3), brighter or darker."""
-        light, weight = BackgroundConfig(), np.maximum(std, _LEAST_STD) ** -2
-        lit = weight * mean
-        factor = np.einsum("npc,pc->np", shown, lit) / ((lit * mean).sum(-1) + 1e-6)
-        factor = np.clip(factor, light.shadow_low, light.shadow_high)
-        rest = shown - factor[..., None] * mean
-        distance = np.einsum("npc,npc,pc->np", rest, rest, weight)
-        distance += ((1 - factor) / _SHADE) ** 2
-        peak = 256**3 * (2 * np.pi) ** -1.5 * np.sqrt(weight.prod(-1))
-        return np.asarray(peak * np.exp(-0.5 * distance), np.float32)
+
+def _background_density(shown: np.ndarray, mean: np.ndarray, std: np.ndarray) -> np.ndarray:
+    """Return the density (n, pixels) of the colours `shown` (n, pixels, 3) before a background
+    of these moments (pixels, 3), brighter or darker."""
+    light, weight = BackgroundConfig(), np.maximum(std, _LEAST_STD) ** -2
+    lit = weight * mean
+    factor = np.einsum("npc,pc->np", shown, lit) / ((lit * mean).sum(-1) + 1e-6)
+    factor = np.clip(factor, light.shadow_low, light.shadow_high)
+    rest = shown - factor[..., None] * mean
+    distance = np.einsum("npc,npc,pc->np", rest, rest, weight)
+    distance += ((1 - factor) / _SHADE) ** 2
+    peak = 256**3 * (2 * np.pi) ** -1.5 * np.sqrt(weight.prod(-1))
+    return np.asarray(peak * np.exp(-0.5 * distance), np.float32)
 
 
 def _find_surroundings(

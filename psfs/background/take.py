@@ -5,6 +5,9 @@ camera's background and which of its pixels people cover in each frame. The expe
 latter takes the evidence of the pixel itself, and that of the other cameras: a person is where
 their rays meet. The background is then the median of the frames in which a pixel is not covered,
 and the person's colours are those of the pixels that are.
+
+A film of the empty scene is one more observation, in light of its own. It counts where no frame
+contradicts it: furniture may have been moved since.
 """
 
 from __future__ import annotations
@@ -24,13 +27,21 @@ from psfs.background.gaussian import (
     SAMPLES,
     VIEWS_AT_ONCE,
     Background,
+    Moments,
     median_moments,
     sort_stack,
     stack_views,
+    view_moments,
     with_prior,
 )
-from psfs.background.light import GRID, fit_light, relight_picture
-from psfs.background.pixel_densities import PixelDensities, find_moving_region
+from psfs.background.light import GRID, fit_light, light_fields, relight_picture
+from psfs.background.pixel_densities import (
+    PixelDensities,
+    add_film,
+    close_region,
+    find_moving_region,
+    find_same,
+)
 from psfs.cameras.camera import CameraRig
 from psfs.cameras.scaling import scale_picture
 from psfs.footage.media import Media
@@ -51,15 +62,34 @@ _UNIFORM_STD = 256 / np.sqrt(2 * np.pi) * np.exp(1 / 3)
 @dataclass(frozen=True, eq=False)
 class _View:
     """A camera's samples: numbers of the frames, their light (n, LIGHT_FLOATS) relative to that of
-    their median, and small pictures (n, h, w, 3) uint8 relit by the median's light."""
+    their median, and small pictures (n, h, w, 3) uint8 relit by the median's light. film: moments
+    of a film of the empty scene in that light; None without one."""
 
     numbers: list[int]
     light: np.ndarray
     small: np.ndarray
+    film: Moments | None
 
 
-def estimate_background_from_take(rig: CameraRig, media: Sequence[Media]) -> Background:
-    """Estimate the background from frames spread over the sequence itself.
+@dataclass(frozen=True, eq=False)
+class Labels:
+    """What a view's small pictures show.
+
+    covered: (n, h, w) bool, where people are in each frame. unseen: (h, w, 4) mean and standard
+    deviation of the background extrapolated from around, NaN where that is not known. same: (h, w)
+    bool, where the film of the empty scene still holds.
+    """
+
+    covered: np.ndarray
+    unseen: np.ndarray
+    same: np.ndarray
+
+
+def estimate_background_from_take(
+    rig: CameraRig, media: Sequence[Media], films: Sequence[Media] | None = None
+) -> Background:
+    """Estimate the background from frames spread over the sequence itself and, if there are any,
+    from `films` of the empty scene, one for each view.
 
     Each frame is relit by the light of the pixels' median. Where people are is found in small
     pictures, see `find_covered`. The background behind a person who covers it in nearly all frames
@@ -67,38 +97,57 @@ def estimate_background_from_take(rig: CameraRig, media: Sequence[Media]) -> Bac
     """
     factor = rig.factor_within(_LONGEST_SIDE)
     with ThreadPoolExecutor(min(VIEWS_AT_ONCE, os.cpu_count() or 1)) as pool:
-        views = list(pool.map(partial(_read_samples, factor=factor), media))
+        read = partial(_read_samples, factor=factor)
+        views = list(pool.map(read, media, films or [None] * len(media)))
         small = rig.scaled(factor)
-        covered, unseen = find_covered(small, _stack([v.small for v in views], small), pool)
-        moments = pool.map(_estimate_view, media, views, covered, unseen)
+        count = min(len(view.small) for view in views)
+        frames = _stack([view.small[:count] for view in views], small)
+        shown = [[scale_picture(of, factor) for of in view.film] for view in views if view.film]
+        film = np.moveaxis(_stack([np.stack(of) for of in shown], small), 1, 0) if shown else None
+        moments = pool.map(_estimate_view, media, views, find_covered(small, frames, film, pool))
         return Background(*stack_views(rig, moments))
 
 
 def find_covered(
-    rig: CameraRig, frames: np.ndarray, pool: ThreadPoolExecutor
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return the pixels that people cover in each frame (V, n, h, w) bool, and the mean and
-    standard deviation (V, h, w, 4) of backgrounds that are extrapolated from around, NaN where that
-    is not known.
+    rig: CameraRig, frames: np.ndarray, film: np.ndarray | None, pool: ThreadPoolExecutor
+) -> list[Labels]:
+    """Return the labels of each view's pixels.
 
-    frames: (V, n, h, w, 3) uint8 small pictures of the rig.
+    frames: (V, n, h, w, 3) uint8 small pictures of the rig. film: (2, V, h, w, 3) mean and standard
+    deviation of the empty scene in the frames' light, if it was filmed.
 
-    The background is at first the median, or, if people stay in a place and are thus in the median,
-    extrapolated from around all that moves. Of the two results, that one is returned in which the
-    cameras agree better.
+    The background is at first the median or, if people stay in a place and are thus in the median,
+    the film; without one, it is extrapolated from around all that moves. Of the two results, that
+    one is returned in which the cameras agree better.
     """
-    regions = np.stack(list(pool.map(find_moving_region, frames)))
-    rays = Rays(rig, regions)
+    moving = np.stack(list(pool.map(find_moving_region, frames)))
     moments = list(pool.map(median_moments, frames))
+    films = [None] * len(rig) if film is None else list(zip(*film, strict=True))
     results = []
     for from_median in (True, False):
+        regions = moving if from_median or film is None else _find_changes(moving, moments, films)
+        rays = Rays(rig, regions)
         densities = [
-            PixelDensities(own, region, *of, from_median)
-            for own, region, of in zip(frames, rays.regions, moments, strict=True)
+            PixelDensities(own, region, of, from_median, filmed)
+            for own, region, of, filmed in zip(frames, rays.regions, moments, films, strict=True)
         ]
         results.append(_maximise(rays, frames, densities, pool))
-    best = max(results, key=lambda result: result[0])
-    return best[1], best[2]
+    return max(results, key=lambda result: result[0])[1]
+
+
+def _find_changes(
+    moving: np.ndarray, moments: Sequence[Moments], films: Sequence[Moments | None]
+) -> np.ndarray:
+    """Return the `moving` regions (V, h, w) bool with all that is connected to them and has come
+    since the films; if nothing moves, all that has."""
+    regions = []
+    for region, (mean, std), film in zip(moving, moments, films, strict=True):
+        assert film is not None
+        changes = close_region((~find_same(mean, std, film)).view(np.uint8)) | region
+        _, parts = cv2.connectedComponents(changes.view(np.uint8))
+        chosen = np.unique(parts[region]) if moving.any() else np.unique(parts)
+        regions.append(changes & np.isin(parts, chosen[chosen > 0]))
+    return np.stack(regions)
 
 
 def _maximise(
@@ -106,9 +155,9 @@ def _maximise(
     frames: np.ndarray,
     densities: list[PixelDensities],
     pool: ThreadPoolExecutor,
-) -> tuple[float, np.ndarray, np.ndarray]:
+) -> tuple[float, list[Labels]]:
     """Alternate between who covers which pixel and what is behind, until nothing changes. Return
-    the agreement of the cameras, and the results of `find_covered`."""
+    the agreement of the cameras, and the labels."""
     coverage = Coverage(rays)
     covered = np.zeros(frames.shape[:-1], bool)
     for _ in range(_ROUNDS):
@@ -124,17 +173,25 @@ def _maximise(
         colours = list(pool.map(learn, range(len(densities))))
         for of in densities:
             of.learn_person(colours)
-    return coverage.agreement, covered, np.stack([of.extrapolate() for of in densities])
+    labels = [
+        Labels(hidden, of.extrapolate(), of.same)
+        for hidden, of in zip(covered, densities, strict=True)
+    ]
+    return coverage.agreement, labels
 
 
-def _read_samples(media: Media, factor: float) -> _View:
+def _read_samples(media: Media, film: Media | None, factor: float) -> _View:
     numbers = media.spread(SAMPLES)
     frames = np.stack(list(media.frames(numbers)))
     median, _ = median_moments(frames)
     light = np.stack([_estimate_frame_light(frame, median) for frame in frames])
     relit = [relight_picture(frame, of) for frame, of in zip(frames, light, strict=True)]
-    small = [scale_picture(picture, factor) for picture in relit]
-    return _View(numbers, light, np.stack(small))
+    small = np.stack([scale_picture(picture, factor) for picture in relit])
+    if film is None:
+        return _View(numbers, light, small, None)
+    mean, std = view_moments(film)
+    gains, offsets = light_fields(_estimate_frame_light(mean, median), mean.shape)
+    return _View(numbers, light, small, ((mean - offsets) / gains, std / gains))
 
 
 def _estimate_frame_light(frame: np.ndarray, median: np.ndarray) -> np.ndarray:
@@ -155,10 +212,9 @@ def _estimate_frame_light(frame: np.ndarray, median: np.ndarray) -> np.ndarray:
 
 def _stack(pictures: list[np.ndarray], rig: CameraRig) -> np.ndarray:
     """Return the pictures (n, h, w, 3) of all views stacked, (V, n, H, W, 3), zero padded."""
-    count = min(map(len, pictures))
-    stack = np.zeros((len(rig), count, rig.height, rig.width, 3), np.uint8)
+    stack = np.zeros((len(rig), len(pictures[0]), rig.height, rig.width, 3), pictures[0].dtype)
     for padded, picture in zip(stack, pictures, strict=True):
-        padded[:, : picture.shape[1], : picture.shape[2]] = picture[:count]
+        padded[:, : picture.shape[1], : picture.shape[2]] = picture
     return stack
 
 
@@ -192,19 +248,16 @@ def _upper_median(values: np.ndarray, number: np.ndarray) -> np.ndarray:
     return np.take_along_axis(ordered, middle, axis=0)[0]
 
 
-def _estimate_view(
-    media: Media,
-    view: _View,
-    covered: np.ndarray,
-    unseen: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray]:
+def _estimate_view(media: Media, view: _View, labels: Labels) -> Moments:
     """Return mean and standard deviation (h, w, 3) float32 of a view's background. Where the
-    background is never visible, it is extrapolated as `unseen` (h, w, 4) says; where that is not
-    known, its density is below the foreground's."""
+    background is never visible, it is extrapolated; where that is not known, its density is below
+    the foreground's."""
     width, height = media.size
-    seen = media.frames(view.numbers)
     frames = np.stack(
-        [relight_picture(frame, of) for frame, of in zip(seen, view.light, strict=True)]
+        [
+            relight_picture(frame, light)
+            for frame, light in zip(media.frames(view.numbers), view.light, strict=True)
+        ]
     )
     rows, columns = view.small.shape[1:3]
 
@@ -215,14 +268,17 @@ def _estimate_view(
         )
 
     mean, std = np.empty((2, height, width, 3), np.float32)
-    masks = np.stack([enlarge(mask.view(np.uint8)).astype(bool) for mask in covered])
+    masks = np.stack([enlarge(mask.view(np.uint8)).astype(bool) for mask in labels.covered])
     known, band = np.ones((height, width), bool), max(1, 2**21 // frames[:, 0].size)
     for top in range(0, height, band):
         part = np.s_[:, top : top + band]
-        own = masked_moments(frames[part], masks[part])
-        mean[top : top + band], std[top : top + band], known[top : top + band] = own
+        moments = masked_moments(frames[part], masks[part])
+        mean[top : top + band], std[top : top + band], known[top : top + band] = moments
+    if view.film is not None:
+        same = enlarge(labels.same.view(np.uint8)).astype(bool)
+        mean, std, known = add_film(mean, std, known, view.film, same)
     std[~known] = _UNIFORM_STD
-    large = enlarge(unseen)
-    known |= np.isnan(large[..., 3])
-    mean[~known], std[~known] = large[~known][:, :3], large[~known][:, 3:]
+    unseen = enlarge(labels.unseen)
+    known |= np.isnan(unseen[..., 3])
+    mean[~known], std[~known] = unseen[~known][:, :3], unseen[~known][:, 3:]
     return mean, std
