@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 
 from psfs.background.config import BackgroundConfig
-from psfs.background.gaussian import Moments
+from psfs.background.gaussian import SAMPLES, Moments
 from psfs.common.colours import N_BINS, colour_bins
 
 #: Least change of a pixel over a take that is motion, grey levels: more than shades of a shadow and
@@ -59,15 +59,17 @@ def find_same(mean: np.ndarray, std: np.ndarray, film: Moments) -> np.ndarray:
 
 
 def add_film(
-    mean: np.ndarray, std: np.ndarray, known: np.ndarray, film: Moments, same: np.ndarray
+    mean: np.ndarray, std: np.ndarray, count: np.ndarray, film: Moments, same: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the moments (h, w, 3) of frames and film together, and where (h, w) they are known.
-    The frames are `known` and the film is the `same` (h, w)."""
-    share = (same / np.maximum(1.0, known * 1.0 + same))[..., None].astype(np.float32)
+    """Return the moments (h, w, 3) of `count` (h, w) frames of a take and of the film together, and
+    their number. The film counts as SAMPLES frames where it is the `same` (h, w)."""
+    filmed = SAMPLES * same
+    total = count + filmed
+    share = (filmed / np.maximum(1, total))[..., None].astype(np.float32)
     both = (1 - share) * mean + share * film[0]
     variance = (1 - share) * (std**2 + (mean - both) ** 2)
     variance += share * (film[1] ** 2 + (film[0] - both) ** 2)
-    return both, np.sqrt(variance), known | same
+    return both, np.sqrt(variance), total
 
 
 class PixelDensities:
@@ -95,18 +97,18 @@ class PixelDensities:
         self._around = _find_surroundings(cv2.blur(moments[0], (3, 3)), region)
         self._unseen = self._surrounding_density(self._shown)
         self._person, self._film = np.ones(N_BINS), film
-        self.learn(*moments, from_median | ~region)
+        self.learn(*moments, len(frames) * (from_median | ~region))
 
-    def learn(self, mean: np.ndarray, std: np.ndarray, known: np.ndarray) -> None:
-        """Take the moments (h, w, 3) for the background of the pixels that are `known` (h, w)."""
+    def learn(self, mean: np.ndarray, std: np.ndarray, count: np.ndarray) -> None:
+        """Take the moments (h, w, 3) of `count` (h, w) frames for the background."""
         region = self._region
         self.same = np.zeros(region.shape, bool)
         if self._film is not None:
-            self.same = find_same(mean, std, self._film) | ~known
-            mean, std, known = add_film(mean, std, known, self._film, self.same)
+            self.same = find_same(mean, std, self._film) | (count == 0)
+            mean, std, count = add_film(mean, std, count, self._film, self.same)
         estimated = _background_density(self._shown, mean[region], std[region])
         mixed = (1 - _UNEXPLAINED) * estimated + _UNEXPLAINED * self._unseen
-        self._background = np.where(known[region], mixed, self._unseen)
+        self._background = np.where(count[region] > 0, mixed, self._unseen)
 
     def learn_person(self, histograms: list[np.ndarray]) -> None:
         """Take the colours of the cameras' histograms (N_BINS,) for the person's. Each camera

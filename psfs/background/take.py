@@ -63,7 +63,7 @@ _UNIFORM_STD = 256 / np.sqrt(2 * np.pi) * np.exp(1 / 3)
 class _View:
     """A camera's samples: numbers of the frames, their light (n, LIGHT_FLOATS) relative to that of
     their median, and small pictures (n, h, w, 3) uint8 relit by the median's light. film: moments
-    of a film of the empty scene in that light; None without one."""
+    of a film of the empty scene in that light; None without a film."""
 
     numbers: list[int]
     light: np.ndarray
@@ -103,7 +103,7 @@ def estimate_background_from_take(
         count = min(len(view.small) for view in views)
         frames = _stack([view.small[:count] for view in views], small)
         shown = [[scale_picture(of, factor) for of in view.film] for view in views if view.film]
-        film = np.moveaxis(_stack([np.stack(of) for of in shown], small), 1, 0) if shown else None
+        film = _stack([np.stack(of) for of in shown], small) if shown else None
         moments = pool.map(_estimate_view, media, views, find_covered(small, frames, film, pool))
         return Background(*stack_views(rig, moments))
 
@@ -113,7 +113,7 @@ def find_covered(
 ) -> list[Labels]:
     """Return the labels of each view's pixels.
 
-    frames: (V, n, h, w, 3) uint8 small pictures of the rig. film: (2, V, h, w, 3) mean and standard
+    frames: (V, n, h, w, 3) uint8 small pictures of the rig. film: (V, 2, h, w, 3) mean and standard
     deviation of the empty scene in the frames' light, if it was filmed.
 
     The background is at first the median or, if people stay in a place and are thus in the median,
@@ -122,11 +122,12 @@ def find_covered(
     """
     moving = np.stack(list(pool.map(find_moving_region, frames)))
     moments = list(pool.map(median_moments, frames))
-    films = [None] * len(rig) if film is None else list(zip(*film, strict=True))
-    results = []
+    films = [None] * len(rig) if film is None else [(mean, std) for mean, std in film]
+    rays, results = Rays(rig, moving), []
     for from_median in (True, False):
-        regions = moving if from_median or film is None else _find_changes(moving, moments, films)
-        rays = Rays(rig, regions)
+        if film is not None and not from_median:
+            seeds = moving if rays.n_voxels else np.ones_like(moving)
+            rays = Rays(rig, np.stack(list(pool.map(_find_changes, seeds, moments, films))))
         densities = [
             PixelDensities(own, region, of, from_median, filmed)
             for own, region, of, filmed in zip(frames, rays.regions, moments, films, strict=True)
@@ -135,19 +136,13 @@ def find_covered(
     return max(results, key=lambda result: result[0])[1]
 
 
-def _find_changes(
-    moving: np.ndarray, moments: Sequence[Moments], films: Sequence[Moments | None]
-) -> np.ndarray:
-    """Return the `moving` regions (V, h, w) bool with all that is connected to them and has come
-    since the films; if nothing moves, all that has."""
-    regions = []
-    for region, (mean, std), film in zip(moving, moments, films, strict=True):
-        assert film is not None
-        changes = close_region((~find_same(mean, std, film)).view(np.uint8)) | region
-        _, parts = cv2.connectedComponents(changes.view(np.uint8))
-        chosen = np.unique(parts[region]) if moving.any() else np.unique(parts)
-        regions.append(changes & np.isin(parts, chosen[chosen > 0]))
-    return np.stack(regions)
+def _find_changes(seeds: np.ndarray, moments: Moments, film: Moments) -> np.ndarray:
+    """Return (h, w) bool: the regions in which something has come since the film that reach any of
+    the `seeds` (h, w), which are such pixels."""
+    changes = close_region((~find_same(*moments, film)).view(np.uint8))
+    changes |= seeds & ~seeds.all()
+    _, parts = cv2.connectedComponents(changes.view(np.uint8))
+    return np.asarray(changes & np.isin(parts, np.unique(parts[seeds])))
 
 
 def _maximise(
@@ -221,11 +216,11 @@ def _stack(pictures: list[np.ndarray], rig: CameraRig) -> np.ndarray:
 def masked_moments(
     frames: np.ndarray, covered: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return median and 1.4826 x median absolute deviation (h, w, 3) float32, and known (h, w)
-    bool.
+    """Return median and 1.4826 x median absolute deviation (h, w, 3) float32, and the number (h, w)
+    of frames that they are of.
 
-    They are those of the frames (n, h, w, 3) uint8 in which a pixel is not `covered` (n, h, w).
-    known: whether these frames are enough; elsewhere the median is that of all frames.
+    These are the frames (n, h, w, 3) uint8 in which a pixel is not `covered` (n, h, w). Where they
+    are not enough, the number is 0, and the median that of all frames.
     """
     count = len(frames)
     free = count - np.count_nonzero(covered, axis=0)
@@ -237,7 +232,7 @@ def masked_moments(
     deviation[left_out] = 255
     spread = _upper_median(deviation, number).astype(np.float32)
     std = with_prior((1.4826 * spread) ** 2, number)
-    return middle.astype(np.float32), std.astype(np.float32), known
+    return middle.astype(np.float32), std.astype(np.float32), free * known
 
 
 def _upper_median(values: np.ndarray, number: np.ndarray) -> np.ndarray:
@@ -269,14 +264,15 @@ def _estimate_view(media: Media, view: _View, labels: Labels) -> Moments:
 
     mean, std = np.empty((2, height, width, 3), np.float32)
     masks = np.stack([enlarge(mask.view(np.uint8)).astype(bool) for mask in labels.covered])
-    known, band = np.ones((height, width), bool), max(1, 2**21 // frames[:, 0].size)
+    count, band = np.empty((height, width), int), max(1, 2**21 // frames[:, 0].size)
     for top in range(0, height, band):
         part = np.s_[:, top : top + band]
         moments = masked_moments(frames[part], masks[part])
-        mean[top : top + band], std[top : top + band], known[top : top + band] = moments
+        mean[top : top + band], std[top : top + band], count[top : top + band] = moments
     if view.film is not None:
         same = enlarge(labels.same.view(np.uint8)).astype(bool)
-        mean, std, known = add_film(mean, std, known, view.film, same)
+        mean, std, count = add_film(mean, std, count, view.film, same)
+    known = count > 0
     std[~known] = _UNIFORM_STD
     unseen = enlarge(labels.unseen)
     known |= np.isnan(unseen[..., 3])
