@@ -31,6 +31,12 @@ PRIOR_STD, PRIOR_FRAMES = 6.0, 2.0
 #: Number of frames from which the background is estimated without a film of the empty scene: enough
 #: for a median.
 SAMPLES = 25
+#: Least number of frames in which a background pixel is visible: the fewest with a median that one
+#: wrong frame does not move.
+_LEAST_FREE = 3
+#: Least number of frames in which a background pixel is visible: the fewest with a median that one
+#: wrong frame does not move.
+_LEAST_FREE = 3
 #: Distance from the mean, in standard deviations, beyond which a value is left out of it.
 _CLIP = 3.0
 
@@ -137,6 +143,41 @@ def median_moments(frames: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         spread[top : top + rows] = sort_stack(deviation)[count // 2]
     std = with_prior((1.4826 * spread.astype(np.float32)) ** 2, count)
     return mean.astype(np.float32), std.astype(np.float32)
+
+
+def masked_moments(
+    frames: np.ndarray, covered: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return median and 1.4826 x median absolute deviation (p, 3) float32 of p pixels, and the
+    number (p,) of frames that they are of.
+
+    These are the frames (n, p, 3) uint8 in which a pixel is not `covered` (n, p). Where they are
+    not enough, the number is 0, and the median that of all frames.
+    """
+    n_pixels = frames.shape[1]
+    median, std = np.empty((2, n_pixels, 3), np.float32)
+    count, step = np.empty(n_pixels, int), max(1, 2 * _BAND_BYTES // (3 * len(frames)))
+    for first in range(0, n_pixels, step):
+        part = np.s_[first : first + step]
+        shown = np.ascontiguousarray(frames[:, part])
+        free = len(frames) - np.count_nonzero(covered[:, part], axis=0)
+        left_out = covered[:, part] & (free >= _LEAST_FREE)
+        number = np.where(free >= _LEAST_FREE, free, len(frames))[:, None]
+        middle = _upper_median(np.where(left_out[..., None], np.uint8(255), shown), number)
+        deviation = np.maximum(shown, middle) - np.minimum(shown, middle)
+        deviation[left_out] = 255
+        spread = _upper_median(deviation, number).astype(np.float32)
+        median[part], std[part] = middle, with_prior((1.4826 * spread) ** 2, number)
+        count[part] = free * (free >= _LEAST_FREE)
+    return median, std, count
+
+
+def _upper_median(values: np.ndarray, number: np.ndarray) -> np.ndarray:
+    """Return the upper median (p, c) of the `number` (p, 1) lowest of values (n, p, c), which are
+    sorted in place."""
+    ordered = sort_stack(values)
+    middle = np.broadcast_to(number // 2, values.shape[1:])[None]
+    return np.take_along_axis(ordered, middle, axis=0)[0]
 
 
 def stack_median(stack: np.ndarray) -> np.ndarray:

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 
 from psfs.background.config import BackgroundConfig
-from psfs.background.gaussian import SAMPLES, Moments
+from psfs.background.gaussian import SAMPLES, Moments, masked_moments
 from psfs.common.colours import N_BINS, colour_bins
 
 #: Least change of a pixel over a take that is motion, grey levels: more than shades of a shadow and
@@ -61,8 +61,8 @@ def find_same(mean: np.ndarray, std: np.ndarray, film: Moments) -> np.ndarray:
 def add_film(
     mean: np.ndarray, std: np.ndarray, count: np.ndarray, film: Moments, same: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the moments (h, w, 3) of `count` (h, w) frames of a take and of the film together, and
-    their number. The film counts as SAMPLES frames where it is the `same` (h, w)."""
+    """Return the moments (..., 3) of `count` (...) frames of a take and of the film together, and
+    their number. The film counts as SAMPLES frames where it is the `same` (...)."""
     filmed = SAMPLES * same
     total = count + filmed
     share = (filmed / np.maximum(1, total))[..., None].astype(np.float32)
@@ -92,16 +92,26 @@ class PixelDensities:
         film: Moments | None,
     ) -> None:
         self._region, self._shape = region, frames.shape[:3]
-        self._shown = frames[:, region].astype(np.float32)
+        self._frames, self._film = frames[:, region], film
+        self._shown = self._frames.astype(np.float32)
         self._bins = colour_bins(self._shown)
         self._around = _find_surroundings(cv2.blur(moments[0], (3, 3)), region)
         self._unseen = self._surrounding_density(self._shown)
-        self._person, self._film = np.ones(N_BINS), film
-        self.learn(*moments, len(frames) * (from_median | ~region))
+        self._person = np.ones(N_BINS)
+        self._moments = moments[0].copy(), moments[1].copy()
+        self._count = len(frames) * (from_median | ~region)
+        self._update()
 
-    def learn(self, mean: np.ndarray, std: np.ndarray, count: np.ndarray) -> None:
-        """Take the moments (h, w, 3) of `count` (h, w) frames for the background."""
+    def learn(self, covered: np.ndarray) -> None:
+        """Learn the background from the frames in which a pixel is not `covered` (n, h, w)."""
         region = self._region
+        learnt = masked_moments(self._frames, covered[:, region])
+        for values, new in zip((*self._moments, self._count), learnt, strict=True):
+            values[region] = new
+        self._update()
+
+    def _update(self) -> None:
+        region, (mean, std), count = self._region, self._moments, self._count
         self.same = np.zeros(region.shape, bool)
         if self._film is not None:
             self.same = find_same(mean, std, self._film) | (count == 0)

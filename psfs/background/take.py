@@ -28,11 +28,10 @@ from psfs.background.gaussian import (
     VIEWS_AT_ONCE,
     Background,
     Moments,
+    masked_moments,
     median_moments,
-    sort_stack,
     stack_views,
     view_moments,
-    with_prior,
 )
 from psfs.background.light import GRID, fit_light, light_fields, relight_picture
 from psfs.background.pixel_densities import (
@@ -51,9 +50,6 @@ _LONGEST_SIDE = 320
 #: Greatest number of alternations of expectation and maximisation, and the share of pixels that
 #: change label below which they end.
 _ROUNDS, _CONVERGED = 8, 0.002
-#: Least number of frames in which a background pixel is visible: the fewest with a median that one
-#: wrong frame does not move.
-_LEAST_FREE = 3
 #: Standard deviation, grey levels, with which a channel's normal density peaks at the uniform
 #: foreground's, 1/256; and its factor where nothing is known of the background: one nat less.
 _UNIFORM_STD = 256 / np.sqrt(2 * np.pi) * np.exp(1 / 3)
@@ -162,7 +158,7 @@ def _maximise(
             break
 
         def learn(view: int, covered: np.ndarray = covered) -> np.ndarray:
-            densities[view].learn(*masked_moments(frames[view], covered[view]))
+            densities[view].learn(covered[view])
             return densities[view].count_colours(covered[view])
 
         colours = list(pool.map(learn, range(len(densities))))
@@ -213,41 +209,10 @@ def _stack(pictures: list[np.ndarray], rig: CameraRig) -> np.ndarray:
     return stack
 
 
-def masked_moments(
-    frames: np.ndarray, covered: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return median and 1.4826 x median absolute deviation (h, w, 3) float32, and the number (h, w)
-    of frames that they are of.
-
-    These are the frames (n, h, w, 3) uint8 in which a pixel is not `covered` (n, h, w). Where they
-    are not enough, the number is 0, and the median that of all frames.
-    """
-    count = len(frames)
-    free = count - np.count_nonzero(covered, axis=0)
-    known = free >= _LEAST_FREE
-    left_out = covered & known
-    number = np.where(known, free, count)[..., None]
-    middle = _upper_median(np.where(left_out[..., None], np.uint8(255), frames), number)
-    deviation = np.maximum(frames, middle) - np.minimum(frames, middle)
-    deviation[left_out] = 255
-    spread = _upper_median(deviation, number).astype(np.float32)
-    std = with_prior((1.4826 * spread) ** 2, number)
-    return middle.astype(np.float32), std.astype(np.float32), free * known
-
-
-def _upper_median(values: np.ndarray, number: np.ndarray) -> np.ndarray:
-    """Return the upper median (h, w, c) of the `number` (h, w, 1) lowest of values (n, h, w, c).
-    The values are sorted in place."""
-    ordered = sort_stack(values)
-    middle = np.broadcast_to(number // 2, values.shape[1:])[None]
-    return np.take_along_axis(ordered, middle, axis=0)[0]
-
-
 def _estimate_view(media: Media, view: _View, labels: Labels) -> Moments:
     """Return mean and standard deviation (h, w, 3) float32 of a view's background. Where the
     background is never visible, it is extrapolated; where that is not known, its density is below
     the foreground's."""
-    width, height = media.size
     frames = np.stack(
         [
             relight_picture(frame, light)
@@ -257,24 +222,28 @@ def _estimate_view(media: Media, view: _View, labels: Labels) -> Moments:
     rows, columns = view.small.shape[1:3]
 
     def enlarge(picture: np.ndarray) -> np.ndarray:
-        size = (width, height)
-        return np.asarray(
-            cv2.resize(picture[:rows, :columns], size, interpolation=cv2.INTER_NEAREST)
+        cropped = picture[:rows, :columns]
+        enlarged = cv2.resize(
+            cropped.view(np.uint8) if cropped.dtype == bool else cropped,
+            media.size,
+            interpolation=cv2.INTER_NEAREST,
         )
+        return np.asarray(enlarged).view(picture.dtype)
 
-    mean, std = np.empty((2, height, width, 3), np.float32)
-    masks = np.stack([enlarge(mask.view(np.uint8)).astype(bool) for mask in labels.covered])
-    count, band = np.empty((height, width), int), max(1, 2**21 // frames[:, 0].size)
-    for top in range(0, height, band):
-        part = np.s_[:, top : top + band]
-        moments = masked_moments(frames[part], masks[part])
-        mean[top : top + band], std[top : top + band], count[top : top + band] = moments
+    covered, unseen = np.stack([enlarge(mask) for mask in labels.covered]), enlarge(labels.unseen)
+    if view.film is None:
+        mean, std = np.empty((2, *frames.shape[1:]), np.float32)
+        count, learnt = np.zeros(mean.shape[:2], int), np.ones(mean.shape[:2], bool)
+    else:  # where nobody comes and it holds, the film is enough
+        same = enlarge(labels.same)
+        (mean, std), count = view.film, SAMPLES * same
+        learnt = covered.any(0) | ~same
+    moments = masked_moments(frames[:, learnt], covered[:, learnt])
     if view.film is not None:
-        same = enlarge(labels.same.view(np.uint8)).astype(bool)
-        mean, std, count = add_film(mean, std, count, view.film, same)
+        moments = add_film(*moments, (mean[learnt], std[learnt]), same[learnt])
+    mean[learnt], std[learnt], count[learnt] = moments
     known = count > 0
     std[~known] = _UNIFORM_STD
-    unseen = enlarge(labels.unseen)
     known |= np.isnan(unseen[..., 3])
     mean[~known], std[~known] = unseen[~known][:, :3], unseen[~known][:, 3:]
     return mean, std

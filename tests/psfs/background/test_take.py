@@ -7,9 +7,9 @@ import pytest
 from helpers import scenes
 
 from psfs.background.coverage import Coverage, Rays
-from psfs.background.gaussian import median_moments
+from psfs.background.gaussian import masked_moments, median_moments
 from psfs.background.pixel_densities import PixelDensities, find_moving_region
-from psfs.background.take import estimate_background_from_take, masked_moments
+from psfs.background.take import estimate_background_from_take
 from psfs.footage.media import Media
 
 SIZE = (201, 153)
@@ -103,6 +103,28 @@ def test_somebody_who_stays_in_a_place_is_unknown() -> None:
     assert not unknown[~there.any(0)].any()
 
 
+@pytest.mark.parametrize("still", [False, True])
+def test_a_film_of_the_empty_scene_is_one_more_observation(still: bool) -> None:
+    """It was made in other light. Who keeps still is known by it alone; something has come since
+    in a picture of those who move."""
+    sway = np.zeros(24) if still else np.arange(24.0)
+    shifts = 0.08 * np.stack([np.sin(sway), np.cos(1.7 * sway)], -1)
+    rig, scene, media = take(shifts, np.ones((24, 3)))
+    empty = np.clip(0.8 * scene + 5 + np.random.default_rng(4).normal(0, 1.5, scene.shape), 0, 255)
+    films = [
+        Pictures(of[None, : c.size[1], : c.size[0]].astype(np.uint8))
+        for of, c in zip(empty, rig, strict=True)
+    ]
+    if not still:
+        media[0].held[:, 5:35, 5:30] = scene[0, 5:35, 5:30] = 40, 160, 60
+    background = estimate_background_from_take(rig, media, films)
+    assert wrong_share(background, scene, rig) < 2e-3
+    for view, camera in enumerate(rig):
+        assert (
+            background.std[view, : camera.size[1], : camera.size[0]] < EXTRAPOLATED
+        ).mean() > 0.99
+
+
 def swaying(count: int = 12) -> tuple[np.ndarray, np.ndarray]:
     """Frames (n, 90, 120, 3) uint8 of a red block that sways by its own width and hides the middle
     of it always, and where it is (n, 90, 120) bool."""
@@ -116,7 +138,7 @@ def swaying(count: int = 12) -> tuple[np.ndarray, np.ndarray]:
 
 
 def densities(frames: np.ndarray, region: np.ndarray) -> PixelDensities:
-    return PixelDensities(frames, region, *median_moments(frames), False)
+    return PixelDensities(frames, region, median_moments(frames), False, None)
 
 
 def test_the_persons_colours_are_found_although_the_median_shows_them() -> None:
@@ -173,7 +195,9 @@ def test_moments_leave_out_what_is_hidden() -> None:
     hidden = random.random((20, 8, 9)) < 0.6
     hidden[:, 2, 3] = True
     frames[hidden] = 250
-    mean, std, known = masked_moments(frames, hidden)
+    flat = frames.reshape(20, -1, 3), hidden.reshape(20, -1)
+    mean, std, count = (of.reshape(8, 9, -1) for of in masked_moments(*flat))
+    known = count[..., 0] > 0
     assert np.abs(mean[known] - 100).max() < 6 and std[known].max() < 11
     assert not known[2, 3] and mean[2, 3, 0] == 250
     seen = np.ma.masked_array(frames, np.repeat(hidden[..., None], 3, -1))
