@@ -36,7 +36,7 @@ def test_the_silhouettes_are_those_of_the_run(run: ReconstructionFolder, device:
     for frame in sequence:
         reconstruct(frame)
         shown = checker.silhouettes(frame)
-        expected = (reconstruct.evidence() > 0) & region
+        expected = reconstruct.evidence() > 0
         np.testing.assert_array_equal(shown, whole_silhouettes(expected, region))
         assert frame.images is not None
         alone = (unlearnt(frame.images).get() > 0) & region
