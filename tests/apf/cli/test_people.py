@@ -14,6 +14,7 @@ from apf.cli.take_report import TakeLine
 from apf.request import TrackRequest
 from apf.takes import people
 from apf.takes.job import TrackJob
+from apf.tracking.progress import estimate_time_left
 from psfs.cli.commandline import progress_bar
 from psfs.people.people import People, Person
 
@@ -54,6 +55,16 @@ def test_each_persons_frames_are_counted_from_the_first() -> None:
     line.n_frames = 3  # of all together
     line("overlay")
     assert task.description == "overlay 1/3"
+
+
+def test_the_time_left_follows_the_pace() -> None:
+    """Of ten units one takes a second; then each takes three."""
+    assert estimate_time_left(0, 0, 0, 10, 1) == 10
+    assert estimate_time_left(0.5, 0, 0, 10, 1) == 9.5
+    assert estimate_time_left(9, 0, 0, 10, 1) == 9  # the piece underway takes no less than none
+    for done, off in ((2, 0.4), (6, 0.2), (9, 0.15)):
+        left = estimate_time_left(3 * done, 3 * done, done, 10, 1)
+        assert left == pytest.approx(3 * (10 - done), rel=off)
 
 
 @pytest.mark.parametrize("n_seen", [1, 2, 3])
