@@ -28,8 +28,7 @@ from cl.listing import (
 )
 from cl.probe import probe
 from cl.profile import Profile
-from cl.program import Define, build_options, kernel_source
-from cl.programs import shared_programs
+from cl.program import Define, build_options, kernel_source, shared_programs
 from cl.signature import Argument
 
 log = logging.getLogger(__name__)

@@ -1,17 +1,24 @@
-"""Input of the OpenCL compiler: the kernels' sources and their defines."""
+"""Programs: the kernels' sources and defines, and what was built of them in a context."""
 
 from __future__ import annotations
 
+import logging
 import os
 import re
+import threading
+import time
 import warnings
 from collections.abc import Mapping
 from functools import cache
 from importlib import resources
 from typing import Any
+from weakref import WeakValueDictionary
 
 import numpy as np
 import pyopencl
+
+from cl.launch import Kernel
+from cl.signature import signatures
 
 Define = int | float | str
 
@@ -67,3 +74,50 @@ def _inline(filename: str, seen: set[str]) -> str:
 def _literal(value: Define) -> str:
     # float(): NumPy's own numbers write themselves as np.float64(...).
     return f"{float(value)!r}f" if isinstance(value, (float, np.floating)) else str(value)
+
+
+log = logging.getLogger(__name__)
+
+
+class Programs:
+    """A context of one OpenCL device, and its programs, each of which is built once."""
+
+    def __init__(self, handle: Any) -> None:
+        self.context = pyopencl.Context([handle])
+        self._programs: dict[tuple[str, str, str], Any] = {}
+        self._kernels: dict[tuple[str, str, str, str], Kernel] = {}
+        self._building = threading.Lock()
+
+    def kernel(self, source: str, name: str, file: str, options: str) -> Kernel:
+        """Return the kernel `name` of a text built with the compiler's `options`; `file` names the
+        text in errors. Raises DeviceError if it has no such kernel."""
+        key = (file, source, options)
+        with self._building:
+            if key not in self._programs:
+                started = time.perf_counter()
+                self._programs[key] = build_program(self.context, source, options)
+                log.info("built %s in %.2f s", file, time.perf_counter() - started)
+            named = (*key, name)
+            if named not in self._kernels:
+                program = self._programs[key]
+                found = signatures(source, file)
+                self._kernels[named] = Kernel(program, name, file, found, (source, options))
+            return self._kernels[named]
+
+
+#: By the handles of devices; programs live as long as a `Device` that uses them.
+_SHARED: WeakValueDictionary[Any, Programs] = WeakValueDictionary()
+_MAKING = threading.Lock()
+
+
+def shared_programs(handle: Any) -> Programs:
+    """Return the programs that all `Device`s of one device share.
+
+    They are built again only when no such `Device` is left: a load of a program takes PoCL 50 ms
+    even from its cache, and a tracker has 20 of them.
+    """
+    with _MAKING:
+        programs = _SHARED.get(handle)
+        if programs is None:
+            programs = _SHARED[handle] = Programs(handle)
+        return programs

@@ -31,10 +31,9 @@ from psfs.footage.layouts import Footage, find_layout
 from psfs.footage.media import Decoder, Media, pad_pictures
 from psfs.footage.memory import FRAME_MEMORY, frame_memory_limit
 from psfs.footage.numbering import pair_by_number
-from psfs.footage.prefetch import prefetch
 from psfs.footage.settings import MIXTURES, SequenceSettings, join_delays, split_delays
 from psfs.footage.sound import apply_sound
-from psfs.footage.threads import TIMEOUT_S, HangingError, Threads
+from psfs.footage.threads import TIMEOUT_S, HangingError, Threads, prefetch
 from psfs.footage.timing import synchronise
 
 #: Greatest memory and number of frames that are decoded ahead.

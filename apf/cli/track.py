@@ -5,9 +5,7 @@ from __future__ import annotations
 from contextlib import ExitStack
 
 from apf.backend import check_renderer
-from apf.cli.batch import run as run_batch
 from apf.cli.take_report import TakeLine, track_one
-from apf.cli.triangulate import run_triangulate
 from apf.request import TrackRequest
 from apf.takes.job import take_names
 from apf.takes.track import check_request
@@ -18,6 +16,8 @@ from psfs.cli.commandline import is_quiet, stderr
 
 def run(request: TrackRequest) -> None:
     if request.triangulate:
+        from apf.cli.triangulate import run_triangulate  # takes a while to load
+
         run_triangulate(request, take_names(request.folders))
         return
     check_request(request)
@@ -27,6 +27,8 @@ def run(request: TrackRequest) -> None:
         request.refuse(["corrections"], "applies only to one take; expected none with several")
         if request.init is not None:
             raise InputError("--init is the first pose of one take; expected none with several")
+        from apf.cli.batch import run as run_batch  # takes a while to load
+
         run_batch(request.batch())
         return
     request.refuse(["at_once"], "applies only to several takes; expected more than one")

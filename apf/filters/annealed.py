@@ -6,7 +6,10 @@ from collections.abc import Sequence
 
 from apf.filters.base import DeviceTracker
 from apf.filters.config import FilterConfig
+from apf.filters.method import Method
 from apf.filters.particle_set import ParticleSet
+from apf.image_objective.objective import ImageObjective
+from apf.image_objective.opengl.objective import OpenGLObjective
 from apf.likelihood.base import Likelihood
 from apf.likelihood.keypoints import KeypointLikelihood
 from apf.likelihood.voxel import VoxelLikelihood
@@ -63,3 +66,20 @@ class AnnealedParticleFilter(DeviceTracker):
             launches += self.likelihood.launcher(self.particles.sets[source])
             launches += self.particles.renew(layer, self.likelihood.errors, source)
         return launches
+
+
+def build_voxel_objective(scene: Scene, method: Method, n_runs: int) -> Likelihood:
+    """Return the voxels' likelihood of `method`, with the keypoints' if that has a weight."""
+    return make_voxel_likelihood(scene, method.filter, n_runs)
+
+
+def build_keypoint_objective(scene: Scene, method: Method, n_runs: int) -> Likelihood:
+    """Return the keypoints' likelihood of `method` alone."""
+    return add_keypoint_term(scene, method.filter, None, n_runs)
+
+
+def build_image_objective(scene: Scene, method: Method, n_runs: int) -> Likelihood:
+    """Return the image objective of `method`, with the keypoints' if that has a weight."""
+    objective = OpenGLObjective if method.image.renderer == "opengl" else ImageObjective
+    base = objective(scene, method.filter.search.n_particles, method.image)
+    return add_keypoint_term(scene, method.filter, base, n_runs)

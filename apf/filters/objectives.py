@@ -39,15 +39,15 @@ _OF_VOXELS = (
     ObjectiveSpec(
         "voxel",
         "voxels",
-        likelihood="apf.filters.likelihoods:build_voxel_objective",
-        twin="apf.reference.filters.likelihoods:build_voxel_objective",
+        likelihood="apf.filters.annealed:build_voxel_objective",
+        twin="apf.reference.filters.annealed:build_voxel_objective",
         shares_launches=True,
     ),
     ObjectiveSpec(
         "keypoints",
         "nothing",
-        likelihood="apf.filters.likelihoods:build_keypoint_objective",
-        twin="apf.reference.filters.likelihoods:build_keypoint_objective",
+        likelihood="apf.filters.annealed:build_keypoint_objective",
+        twin="apf.reference.filters.annealed:build_keypoint_objective",
         shares_launches=True,
     ),
 )
@@ -56,8 +56,8 @@ _OF_IMAGES = tuple(
     ObjectiveSpec(
         kind,
         "images",
-        likelihood="apf.filters.likelihoods:build_image_objective",
-        twin="apf.reference.filters.likelihoods:build_image_objective",
+        likelihood="apf.filters.annealed:build_image_objective",
+        twin="apf.reference.filters.annealed:build_image_objective",
         settings={"image": ObjectiveConfig, "features": FeatureConfig},
     )
     for kind in OBJECTIVE_KINDS

@@ -18,7 +18,7 @@ from psfs.cameras.camera import CameraRig
 from psfs.cameras.scaling import scale_pictures
 from psfs.common.numbers import pick_evenly
 from psfs.diagnostics.config import FaultConfig
-from psfs.footage.prefetch import prefetch
+from psfs.footage.threads import prefetch
 from psfs.sequence import Frame, Sequence
 from psfs.silhouettes.config import AppearanceConfig, FloorConfig, SilhouetteConfig
 

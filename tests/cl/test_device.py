@@ -17,7 +17,6 @@ import cl.device
 import cl.fill
 import cl.listing
 import cl.program
-import cl.programs
 from cl import Device, DeviceError, list_devices, select_device
 from cl.listing import ranked_devices, where_to_get_opencl
 from cl.program import kernel_source
@@ -281,7 +280,7 @@ def test_siblings_share_memory_and_programs(
 def test_programs_live_as_long_as_a_device_that_uses_them(
     monkeypatch: pytest.MonkeyPatch, device: Device
 ) -> None:
-    monkeypatch.setattr(cl.programs, "_SHARED", WeakValueDictionary())
+    monkeypatch.setattr(cl.program, "_SHARED", WeakValueDictionary())
     first, second = Device(device.handle), Device(device.handle)
     kept = weakref.ref(first.programs)
     assert first.context == second.context != device.context

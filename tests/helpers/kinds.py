@@ -11,7 +11,7 @@ import pytest
 
 from cl import Device, InputError
 from cl.launch import Kernel
-from cl.programs import Programs
+from cl.program import Programs
 
 #: Items of a work-group on a CPU that is taken for a GPU: PoCL compiles them sooner than the 512 of
 #: some kernels on a GPU. More than a body has cones, so that some idle.

@@ -26,7 +26,7 @@ from psfs.background.gaussian import (
 from psfs.common.pictures import read_picture
 from psfs.footage import memory
 from psfs.footage.media import open_media
-from psfs.footage.prefetch import prefetch
+from psfs.footage.threads import prefetch
 from psfs.footage.video import VideoDecoder
 from psfs.output.reconstruction_folder import reopen_sequence, sequence_facts
 from psfs.sequence import Sequence

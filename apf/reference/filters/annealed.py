@@ -6,6 +6,7 @@ import numpy as np
 
 from apf.filters.base import Estimate
 from apf.filters.config import FilterConfig
+from apf.filters.method import Method
 from apf.reference.filters.annealing import (
     annealing_exponent,
     diffuse,
@@ -16,6 +17,7 @@ from apf.reference.filters.annealing import (
 )
 from apf.reference.filters.base import NumpyTracker
 from apf.reference.filters.noise import uniform
+from apf.reference.image_objective.objective import NumpyImageObjective
 from apf.reference.likelihood.base import NumpyLikelihood
 from apf.reference.likelihood.keypoints import NumpyKeypointLikelihood
 from apf.reference.likelihood.voxel import NumpyVoxelLikelihood
@@ -72,3 +74,19 @@ class NumpyAnnealedParticleFilter(NumpyTracker):
             history.append((effective_size(errors, beta), beta, errors.min()))
         ess, beta, least_error = np.array(history).T
         return Estimate(self.body, mean, self._deviation, ess, beta, least_error)
+
+
+def build_voxel_objective(scene: Scene, method: Method, n_runs: int) -> NumpyLikelihood:
+    """Return the voxels' likelihood of `method`, with the keypoints' if that has a weight."""
+    return numpy_voxel_likelihood(scene, method.filter)
+
+
+def build_keypoint_objective(scene: Scene, method: Method, n_runs: int) -> NumpyLikelihood:
+    """Return the keypoints' likelihood of `method` alone."""
+    return numpy_with_keypoints(scene, method.filter, None)
+
+
+def build_image_objective(scene: Scene, method: Method, n_runs: int) -> NumpyLikelihood:
+    """Return the image objective of `method`, with the keypoints' if that has a weight."""
+    base = NumpyImageObjective(scene, method.filter.search.n_particles, method.image)
+    return numpy_with_keypoints(scene, method.filter, base)

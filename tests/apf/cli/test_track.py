@@ -251,7 +251,7 @@ def test_several_takes_are_a_batch_without_exports(
     walk: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     asked: list[BatchRequest] = []
-    monkeypatch.setattr("apf.cli.track.run_batch", asked.append)
+    monkeypatch.setattr("apf.cli.batch.run", asked.append)
     days = [tmp_path / day / "walk" for day in ("monday", "tuesday")]
     for day in days:
         shutil.copytree(walk, day)
