@@ -23,10 +23,10 @@ LIMB_ENDS = {
 _TOLERANCE = 0.02
 #: Number of Levenberg steps towards the targets, and their damping, m^2 / rad^2.
 _N_STEPS, _DAMPING = 3, 1e-3
-#: The axes of an ankle, rad: limits (American Academy of Orthopaedic Surgeons 1965: 20 degrees of
-#: dorsiflexion and 50 of plantar flexion; toes 30 degrees in or out), change from one frame to the
+#: The axes of an ankle, rad: limits (40 degrees of dorsiflexion under the body weight, Bennell et
+#: al. 1998; 50 of plantar flexion; toes 30 degrees in or out), change from one frame to the
 #: next, as a knee's, and spread of people's postures.
-_ANKLE = {"ry": (-0.35, 0.87, 0.045, 0.3), "rz": (-0.5, 0.5, 0.025, 0.15)}
+_ANKLE = {"ry": (-0.7, 0.87, 0.045, 0.3), "rz": (-0.5, 0.5, 0.025, 0.15)}
 #: Words in the names of a limb's angles.
 _ANGLES = {"arm": {"shoulder", "arm", "elbow"}, "leg": {"hip", "knee", "ankle"}}
 
