@@ -15,6 +15,8 @@ from psfs.common.cones import cone_distances, dot
 #: Corners further out than this, px, count as unseen: float interpolation would displace the lines
 #: between them by more than a hundredth of a pixel, and at 1e9 px by whole pictures.
 FAR_OUT = 1e5
+#: Points of a drawn outline about one end of a cone.
+_RING = 24
 
 
 def outline_corners(eye: np.ndarray, cones: np.ndarray) -> np.ndarray:
@@ -46,6 +48,25 @@ def project_outlines(camera: Camera, cones: np.ndarray) -> np.ndarray:
     pixels, depth = camera.project(outline_corners(camera.centre, cones))
     visible = np.all((depth > 0) & (np.abs(pixels) < FAR_OUT).all(-1), axis=-1)
     return np.where(visible[..., None, None], pixels, np.nan)
+
+
+def outline_rings(eye: np.ndarray, cones: np.ndarray) -> np.ndarray:
+    """Return points (..., 2 R, 3) on the round ends of cones (..., 16) seen from `eye` (3,) m,
+    whose convex hull in a picture is the outline of the cone with these ends."""
+    axis = cones[..., 4:7] - cones[..., 0:3]
+    axis = axis / np.linalg.norm(axis, axis=-1, keepdims=True)
+    x, y = cones[..., 8:11], cones[..., 12:15]
+    around = np.linspace(0, 2 * np.pi, _RING, endpoint=False)
+    rings = []
+    for first in (0, 4):
+        centre, radius = cones[..., first : first + 3], cones[..., first + 3]
+        # where the end is a ball, its outline is a circle across the line of sight
+        sight = np.stack([((eye - centre) * of).sum(-1) for of in (axis, x, y)], -1)
+        across = np.linalg.svd(sight[..., None, :])[2][..., 1:, :]
+        ring = np.einsum("ka,...ab->...kb", np.stack([np.cos(around), np.sin(around)], -1), across)
+        back = np.stack([axis, x / dot(x, x)[..., None], y / dot(y, y)[..., None]], -2)
+        rings.append(centre[..., None, :] + radius[..., None, None] * ring @ back)
+    return np.concatenate(rings, -2)
 
 
 def cone_normals(points: np.ndarray, cones: np.ndarray) -> np.ndarray:

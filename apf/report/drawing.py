@@ -13,7 +13,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from apf.body.cones import project_outlines
+from apf.body.cones import outline_rings
 from apf.body.kinematics import posed_cones, posed_joints
 from apf.body.limbs import limb_bones
 from apf.body.model import BodyModel, find_side
@@ -68,11 +68,9 @@ class Figure:
         self._cone_colours = self._pick_colours(body.cone_names if body is not None else ())
         self._lost = track.lost  # computed at each call
         self._lost_cones = np.repeat(self._lost[:, None], len(self._cone_colours), axis=1)
-        self._outlined = np.zeros(0, int)
         if body is not None and body.cones:
             lost_bones = (track.lost_limbs @ limb_bones(body)).astype(bool)
             self._lost_cones |= lost_bones[:, [cone.bone for cone in body.cones]]
-            self._outlined = np.flatnonzero([cone.in_images for cone in body.cones])
 
     def is_lost(self, row: int) -> bool:
         """Return whether the person is lost in a row of the track."""
@@ -94,9 +92,9 @@ class Figure:
         """Draw the body in a row of the track over `image` (h, w, 3) uint8 BGR as `camera` sees it;
         nothing of what lies behind the camera."""
         joints, thickness = self.track.joints[row], max(1, round(min(camera.size) / 320))
-        if len(self._outlined):
-            cones = posed_cones(self.track.its_body, self.track.poses[[row]])[0, self._outlined]
-            colours = self.colour_cones(row)[self._outlined, ::-1].tolist()
+        if len(self._cone_colours):
+            cones = posed_cones(self.track.its_body, self.track.poses[[row]])[0]
+            colours = self.colour_cones(row)[:, ::-1].tolist()
             _draw_cones(image, camera, cones, colours, thickness)
         colour = _JOINT if self.colour is None else self.colour[::-1]
         _draw_skeleton(image, *camera.project(joints), self.track.edges, thickness, colour)
@@ -230,21 +228,23 @@ def encode(values: np.ndarray, kind: str) -> str:
 def _draw_cones(
     image: np.ndarray, camera: Camera, cones: np.ndarray, colours: list[Any], thickness: int
 ) -> None:
-    """Tint and outline cones (C, 16), near ones over far ones."""
-    corners = project_outlines(camera, cones)
+    """Tint cones (C, 16), near ones over far ones, and draw the outline of all together."""
+    rings, depth = camera.project(outline_rings(camera.centre, cones))
     distance = np.linalg.norm((cones[:, 0:3] + cones[:, 4:7]) / 2 - camera.centre, axis=-1)
-    visible = [
-        (_to_fixed_point(corners[i]), colours[i])
-        for i in np.argsort(-distance)
-        if np.isfinite(corners[i]).all()
-    ]
-    tint = image.copy()
-    for quad, colour in visible:
-        cv2.fillConvexPoly(tint, cv2.convexHull(quad), colour, cv2.LINE_AA, _BITS)
-    cv2.addWeighted(tint, 0.16, image, 0.84, 0, dst=image)
-    for quad, colour in visible:  # a dark rim keeps the lines visible on any background
-        cv2.polylines(image, [quad], True, _RIM, thickness + 2, cv2.LINE_AA, _BITS)
-        cv2.polylines(image, [quad], True, colour, thickness, cv2.LINE_AA, _BITS)
+    paint = np.zeros_like(image)
+    for i in np.argsort(-distance):
+        if (depth[i] > 0).all() and np.isfinite(rings[i]).all():
+            hull = cv2.convexHull(_to_fixed_point(rings[i]))
+            cv2.fillConvexPoly(paint, hull, colours[i], cv2.LINE_8, _BITS)
+    inside = paint.any(-1)
+    image[inside] = np.rint(0.84 * image[inside] + 0.16 * paint[inside])
+    lines, _ = cv2.findContours(inside.astype(np.uint8), cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
+    width = thickness + 2  # a dark rim keeps the line visible on any background
+    for beyond, painted in ((2, np.broadcast_to(np.array(_RIM, np.uint8), image.shape)), (0, None)):
+        drawn = np.zeros(image.shape[:2], np.uint8)
+        cv2.drawContours(drawn, lines, -1, 255, thickness + beyond)
+        near = cv2.dilate(paint, np.ones((width, width), np.uint8)) if painted is None else painted
+        image[drawn > 0] = near[drawn > 0]
 
 
 def _draw_skeleton(
