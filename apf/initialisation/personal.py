@@ -28,12 +28,15 @@ from psfs.common.least_squares import REACH, robust_weights
 from psfs.common.numbers import pick_evenly
 from psfs.common.progress import one_blas_thread
 
-#: Standard deviations of a person's measures around a body of the same stature. Lengths: those of
-#: adults of one stature vary by 3 to 4 % (Gordon et al. 2014, ANSUR II). Joints in the flesh, m:
-#: regressions from bony marks miss hip centres by 15 to 25 mm (Leardini et al. 1999). Ends of
-#: cones, m, logs of their radii, and distance, m, of the surface from the cones: by hand; people
-#: are no cones, and hulls are thicker than they.
-_SPREAD = {"length": 0.04, "joint": 0.015, "end": 0.01, "radius": 0.15, "surface": 0.01}
+#: Standard deviations of a person's measures around the tracked body. Logs of lengths: those of
+#: adults of one stature vary by 3 to 4 % (Gordon et al. 2014, ANSUR II), the stature itself is as
+#: uncertain. Joints in the flesh, m: hinges are felt through the skin, within 10 mm; regressions
+#: from bony marks miss the centres of balls by 15 to 25 mm (Leardini et al. 1999). By hand: ends of
+#: cones, m, logs of their radii, and distance of the surface from them as a share of the radius;
+#: people are no cones, and hulls are thicker than they.
+_SPREAD = {
+    "length": 0.06, "hinge": 0.01, "ball": 0.025, "end": 0.01, "radius": 0.15, "surface": 0.15
+}  # fmt: skip
 #: Standard deviation, rad or m, around the tracked pose where there is no posture prior.
 _FREE = 3.0
 #: Accuracy, m, of a cone's outline, and number of neighbouring rays that share one error.
@@ -51,7 +54,7 @@ _SOLE, _BELOW = 0.005, 0.1
 #: Distances, m, at which a ray counts a quarter, from the first step to the last.
 _REACHES = np.geomspace(0.08, 0.03, 7)
 #: Number of steps of poses whose body is known.
-_STEPS = 3
+_STEPS = 6
 #: Share of a pose's own normal matrix added to its diagonal (Levenberg 1944).
 _DAMPING = 1e-3
 
@@ -108,6 +111,9 @@ class PersonalShape:
         rows = [("length", group, 0, 0) for group in template.scale_groups]
         for name in dict.fromkeys(sideless(bone.name) for bone in bones):
             rows += [("joint", name, 0, axis) for axis in self._axes(name, bones)]
+        balls = {
+            sideless(bone.name) for bone in bones if sum(a.kind[0] == "r" for a in bone.axes) > 2
+        }
         for name in template.radius_groups:
             for end in (0, 1):
                 axes = self._axes(name, template.cones)
@@ -117,8 +123,16 @@ class PersonalShape:
         for name in template.radius_groups:
             rows += [("surface", name, number, 0) for number in range(_COEFFICIENTS)]
         self.index = {row: number for number, row in enumerate(rows)}
-        self.spread = np.array([_SPREAD[kind] for kind, *_ in rows])
-        self.spread[self.n_built :] /= np.sqrt(_HARMONICS)
+        kinds = [
+            kind if kind != "joint" else "ball" if name in balls else "hinge"
+            for kind, name, *_ in rows
+        ]
+        self.spread = np.array([_SPREAD[kind] for kind in kinds])
+        radii = [
+            np.mean([cone.radii for cone in template.cones if sideless(cone.name) == name])
+            for name in template.radius_groups
+        ]
+        self.spread[self.n_built :] *= np.repeat(radii, _COEFFICIENTS) / np.sqrt(_HARMONICS)
         self._mirrors = [_Mirror.of(template, cone) for cone in template.cones]
         self._group = np.array(
             [template.radius_groups.index(sideless(c.name)) for c in template.cones]
