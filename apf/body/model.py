@@ -48,9 +48,7 @@ class Cone:
 
     Its section is an ellipse: the radius is scaled by `scale` along `side` and along axis x side.
     in_images: False for a part that only explains voxels near it (such as a foot); it is neither
-    compared with the images nor drawn. loose: True for a part under clothes that hang around it: it
-    explains voxels and is drawn, but its outline is not compared with the images, which show the
-    clothes'.
+    compared with the images by the likelihood.
     """
 
     name: str
@@ -61,7 +59,6 @@ class Cone:
     side: np.ndarray
     scale: tuple[float, float]
     in_images: bool = True
-    loose: bool = False
 
 
 @dataclass(frozen=True, eq=False)

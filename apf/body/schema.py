@@ -65,7 +65,6 @@ class ConeEntry(_Entry):
     side: Place = [0.0, 1.0, 0.0]
     scale: Annotated[list[Positive], flat(2)] = [1.0, 1.0]
     in_images: bool = True
-    loose: bool = False
 
 
 class JointEntry(_Entry):

@@ -169,7 +169,6 @@ def _parse_cone(entry: ConeEntry, bones: Sequence[str]) -> Cone:
         side / np.linalg.norm(side),
         (float(scale_x), float(scale_y)),
         entry.in_images,
-        entry.loose,
     )
 
 
@@ -225,7 +224,6 @@ def format_body(body: BodyModel) -> str:
                 "side": cone.side.tolist(),
                 "scale": list(cone.scale),
                 "in_images": cone.in_images,
-                "loose": cone.loose,
             }
             for cone in body.cones
         ],

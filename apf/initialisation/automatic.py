@@ -14,7 +14,7 @@ from apf.initialisation.config import StartConfig
 from apf.initialisation.hypotheses import Hypothesis, select_close
 from apf.initialisation.kept_voxels import cut_by_height, select_person_points
 from apf.initialisation.pose_search import PoseSearch, SearchTask
-from apf.initialisation.shape_fit import Cloud, find_unfolded, fit_shape
+from apf.initialisation.shape_fit import Cloud, fit_shape
 from apf.initialisation.shape_model import ShapeModel
 from apf.initialisation.start import Start, StartError, check_startable
 from apf.likelihood.observations import AnyVoxels
@@ -82,7 +82,7 @@ def _build_start(
     shape, poses = best.fit.found[0].shape, best.fit.poses
     girth = float(np.exp(shape[:2].sum())) * stature(template) / seen
     model = ShapeModel(template, config.shape.prior)
-    body = model.mark_loose(model.body(shape), shape)
+    body = model.body(shape)
     return Start(body, poses[0], poses, best.registration_error, best.rival, seen, girth, config)
 
 
@@ -146,22 +146,11 @@ class _Fitting:
     def __call__(self, found: Hypothesis, anchor: int) -> Fit:
         search = self.search
         poses = self._track_both_ways(search.model.body(found.shape), found.pose, anchor)
-        return self._search_near(*self._fit_shape(found.shape, poses))
-
-    def _fit_shape(self, shape: np.ndarray, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the shape, fitted to the frames in which the body is unfolded, and all poses
-        (M, D), fitted with it."""
-        search, config = self.search, self.search.config
-        unfolded = find_unfolded(search.model.body(shape), poses, config.frames)
-        poses = poses.copy()
-        for chosen, free in ((unfolded, None if search.free else ()), (~unfolded, ())):
-            if chosen.any():
-                clouds = [self.clouds[int(k)] for k in np.flatnonzero(chosen)]
-                shape, poses[chosen] = fit_shape(
-                    search.template, clouds, shape, poses[chosen], search.task.height,
-                    config=config.shape, free=free,
-                )  # fmt: skip
-        return shape, poses
+        fitted = fit_shape(
+            search.template, self.clouds, found.shape, poses, search.task.height,
+            config=search.config.shape, free=None if search.free else (),
+        )  # fmt: skip
+        return self._search_near(*fitted)
 
     def _search_near(self, shape: np.ndarray, poses: np.ndarray) -> Fit:
         """Return poses near these, and their costs."""

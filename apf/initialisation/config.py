@@ -151,23 +151,6 @@ class ShapePrior(Config):
     girth: float = positive(0.15, "Standard deviation of all radii beside the size.")
     length: float = positive(0.025, "Standard deviation of a bone's length beside the size.")
     radius: float = positive(0.08, "Standard deviation of a part's radius beside size and girth.")
-    loose: float = positive(
-        3.0,
-        "Excess of a part's radius over those of the other parts, from which on it is clothes that "
-        "hang from the body.",
-        "tuned: a hull shows thighs in a skirt with 3.3 and more, in trousers with at most 2.5",
-        "standard deviations of `radius`",
-    )
-    clothes: float = positive(
-        0.5,
-        "Standard deviation of such a part's radius, which then says nothing about the others.",
-        "by hand",
-    )
-    beside_clothes: float = positive(
-        0.05,
-        "Standard deviation of girth and of the other parts' radii then: arms that hang beside a "
-        "skirt look as thick as the hull that joins both.",
-    )
     stature: float = positive(
         0.005,
         "Standard deviation of a known stature.",

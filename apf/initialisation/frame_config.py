@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from psfs.common.config import Config, fraction, natural, nonnegative, positive, setting
+from psfs.common.config import Config, fraction, natural, nonnegative, positive
 
 #: The source of defaults that name no other source.
 TUNED = "tuned"
@@ -40,24 +40,3 @@ class FrameChoice(Config):
         "The same share for parts near those that are not debris, such as a head without its neck.",
     )
     near: float = nonnegative(0.15, "Distance within which a part is near.", unit="m")
-    n_looks: int = nonnegative(
-        12,
-        "Number of later frames that are searched for one in which the person stands taller; 0"
-        " turns the search off.",
-    )
-    taller: float = setting(
-        1.08,
-        "Factor by which the person must stand taller in such a frame for it to be used.",
-        "by hand",
-        least=1,
-    )
-    unfolded: float = fraction(
-        0.85,
-        "Height of the trunk's highest joint over the body's lowest one, as a share of that of a "
-        "standing person, below which a frame does not inform the shape: a visual hull fills the "
-        "space between folded limbs and trunk.",
-        "by hand: strides have 0.95 and more, a crouch 0.5",
-    )
-    least_unfolded: int = natural(
-        3, "Least number of frames above it; with fewer, all frames inform the shape."
-    )

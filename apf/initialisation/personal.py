@@ -299,8 +299,6 @@ class PersonalFit:
         self.template, self.shape = template, PersonalShape(template)
         posture = np.where(np.isfinite(template.posture_sigma), template.posture_sigma, _FREE)
         self._prior = posture**-2.0 / _FRAMES
-        # Clothes are not the body.
-        self._counted = np.array([not cone.loose for cone in template.cones])
         self._soles = [c for c, cone in enumerate(template.cones) if sideless(cone.name) == "foot"]
 
     def measure(
@@ -407,8 +405,7 @@ class PersonalFit:
                     surface_displacements(mine, growth, cone, coordinates, normal),
                     bulged.T if free else np.zeros((0, len(of))),
                 ]
-                weight = robust_weights(gap, reach / REACH) * self._counted[cone]
-                weight /= _SHARED * _NOISE**2
+                weight = robust_weights(gap, reach / REACH) / (_SHARED * _NOISE**2)
                 slopes, gaps = np.concatenate(rows), gap
                 if has_floor:
                     sole, depth = self._find_sunken(body, pose, mine, growth, len(slopes))

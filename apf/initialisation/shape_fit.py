@@ -4,7 +4,6 @@ frames."""
 from __future__ import annotations
 
 from collections.abc import Sequence
-from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,11 +11,10 @@ import scipy
 
 from apf.body.cones import cone_normals
 from apf.body.jacobian import point_jacobian
-from apf.body.kinematics import posed_cones, posed_joints
-from apf.body.limbs import limb_joints
+from apf.body.kinematics import posed_cones
 from apf.body.model import BodyModel
 from apf.body.stature import ankle_cones, stature
-from apf.initialisation.config import FrameChoice, ShapeFitConfig
+from apf.initialisation.config import ShapeFitConfig
 from apf.initialisation.shape_model import (
     ShapeModel,
     inner_axes,
@@ -32,19 +30,12 @@ from psfs.common.cones import cone_distances, dot
 LOG_STEP = 1e-5
 
 
-def seen_heights(points: np.ndarray, config: ShapeFitConfig) -> tuple[bool, tuple[float, float]]:
-    """Return whether the person of `points` (N, 3) m stands on the floor, and the z, m, of the
-    lowest and the highest point without outliers. If the person stands, the floor replaces the
-    lowest point, see `StandingConfig`."""
-    low, high = np.quantile(points[:, 2], (config.stray, 1 - config.stray))
-    on_floor = config.standing.stands(float(low))
-    return on_floor, (float(config.standing.height if on_floor else low), float(high))
-
-
 class Cloud:
     """Points (N, 3) m of one frame's surface, evenly thinned, and a search tree of all.
 
-    points: (n, 3) the thinned ones. on_floor, heights: see `seen_heights`; of the whole person.
+    points: (n, 3) the thinned ones. on_floor: whether the person stands on the floor. heights: z,
+    m, of the lowest and the highest point of the whole person without outliers; of who stands, the
+    floor replaces the lowest, see `StandingConfig`.
     part: the range of heights, as shares, whose points are kept, for a body that models only that
     part of the person.
     """
@@ -56,8 +47,10 @@ class Cloud:
         part: tuple[float, float] = (-np.inf, np.inf),
     ) -> None:
         config = config or ShapeFitConfig()
-        self.on_floor, self.heights = seen_heights(points, config)
-        low, high = self.heights
+        low, high = np.quantile(points[:, 2], (config.stray, 1 - config.stray))
+        self.on_floor = config.standing.stands(float(low))
+        low = config.standing.height if self.on_floor else low
+        self.heights = float(low), float(high)
         share = (points[:, 2] - low) / max(high - low, 1e-9)
         points = points[(share >= part[0]) & (share <= part[1])]
         n = min(config.n_points, len(points))
@@ -129,28 +122,12 @@ def fit_shape(
 
     Gauss-Newton over the poses and the scales numbered in `free` (all of them by default); the
     poses are eliminated frame by frame (Schur complement). height: known stature, m. n_steps: the
-    config's by default. Parts that turn out loose, see `ShapePrior.loose`, get a wider prior, and
-    the fit begins again: a skirt would make arms and head as thick.
+    config's by default.
     """
     config = config or ShapeFitConfig()
     chosen = np.arange(len(shape)) if free is None else np.asarray(free, int)
     fit = _ShapeFit(template, clouds, chosen, height, config)
-    begun, n_steps = (shape, poses), n_steps or config.n_steps
-    shape, poses = fit.run(*begun, n_steps)
-    loose = fit.find_loose(shape)
-    return fit.loosen(loose).run(*begun, n_steps) if loose.any() else (shape, poses)
-
-
-def find_unfolded(body: BodyModel, poses: np.ndarray, config: FrameChoice) -> np.ndarray:
-    """Return (M,) bool: the poses (M, D) in which the body is unfolded, see
-    `FrameChoice.unfolded`; all of them if fewer than `least_unfolded` are."""
-    trunk = ~np.any(limb_joints(body), axis=0)
-    if not trunk.any():
-        return np.ones(len(poses), bool)
-    z = posed_joints(body, np.concatenate([body.rest_pose[None], poses]))[..., 2]
-    extent = z[:, trunk].max(1) - z.min(1)
-    unfolded: np.ndarray = extent[1:] >= config.unfolded * extent[0]
-    return unfolded if unfolded.sum() >= config.least_unfolded else np.ones(len(poses), bool)
+    return fit.run(shape, poses, n_steps or config.n_steps)
 
 
 class _ShapeFit:
@@ -170,22 +147,6 @@ class _ShapeFit:
         self._deviation = self._model.deviation[chosen]
         # Inverse variances of the angles around the rest pose; the root has no prior.
         self._pose_prior = np.where(inner_axes(template), config.prior.angle**-2, 0.0)
-
-    def find_loose(self, shape: np.ndarray) -> np.ndarray:
-        """Return (S',) bool: the free scales of `shape` (S,) that are radii of loose parts."""
-        loose = np.zeros(len(shape), bool)
-        loose[len(shape) - len(self._model.radii) :] = self._model.find_loose(shape)
-        return loose[self._chosen]
-
-    def loosen(self, loose: np.ndarray) -> _ShapeFit:
-        """Return the fit with the prior of the `loose` (S',) radii wide enough for clothes, and
-        those of girth and the other radii narrow, see `ShapePrior.beside_clothes`."""
-        other, prior, deviation = copy(self), self._config.prior, self._deviation.copy()
-        n_scales, n_radii = len(self._model.deviation), len(self._model.radii)
-        radial = (self._chosen == 1) | (self._chosen >= n_scales - n_radii)
-        deviation[radial] = np.minimum(deviation[radial], prior.beside_clothes)
-        other._deviation = np.where(loose, prior.clothes, deviation)
-        return other
 
     def run(
         self, shape: np.ndarray, poses: np.ndarray, n_steps: int

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -61,17 +60,6 @@ class ShapeModel:
             dict(zip(self.lengths, lengths, strict=True)),
             dict(zip(self.radii, radii, strict=True)),
         )
-
-    def find_loose(self, shape: np.ndarray) -> np.ndarray:
-        """Return (R,) bool: the groups of radii that are loose clothes in `shape` (S,)."""
-        excess: np.ndarray = shape[len(shape) - len(self.radii) :]
-        return excess > self.prior.loose * self.prior.radius
-
-    def mark_loose(self, body: BodyModel, shape: np.ndarray) -> BodyModel:
-        """Return `body`, whose `shape` (S,) this is, with the parts marked that are loose."""
-        found = {self.radii[k] for k in np.flatnonzero(self.find_loose(shape))}
-        cones = [replace(c, loose=c.loose or sideless(c.name) in found) for c in body.cones]
-        return replace(body, cones=tuple(cones))
 
     def growths(self, body: BodyModel, poses: np.ndarray, cones: np.ndarray) -> np.ndarray:
         """Return the derivatives (M, S, C, 8) of the ends and radii of posed `cones` (M, C, 16)

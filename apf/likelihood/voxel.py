@@ -47,7 +47,7 @@ def choose_cone_sampling(body: BodyModel, spacing: float = _SAMPLE_SPACING) -> n
     rows = [np.linalg.norm(cone.end - cone.start) / spacing for cone in body.cones]
     columns = [np.mean(cone.radii) * 2 / spacing for cone in body.cones]
     sampling = np.maximum(np.ceil(np.stack([rows, columns], -1)), _FEWEST_SAMPLES).astype(np.int32)
-    sampling[[cone.loose or not cone.in_images for cone in body.cones]] = 0
+    sampling[[not cone.in_images for cone in body.cones]] = 0
     return sampling
 
 

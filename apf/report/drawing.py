@@ -236,15 +236,15 @@ def _draw_cones(
         if (depth[i] > 0).all() and np.isfinite(rings[i]).all():
             hull = cv2.convexHull(_to_fixed_point(rings[i]))
             cv2.fillConvexPoly(paint, hull, colours[i], cv2.LINE_8, _BITS)
-    inside = paint.any(-1)
+    inside = np.asarray(paint.any(axis=-1))
     image[inside] = np.rint(0.84 * image[inside] + 0.16 * paint[inside])
     lines, _ = cv2.findContours(inside.astype(np.uint8), cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
-    width = thickness + 2  # a dark rim keeps the line visible on any background
-    for beyond, painted in ((2, np.broadcast_to(np.array(_RIM, np.uint8), image.shape)), (0, None)):
+    rim = thickness + 2  # dark, so that the line is visible on any background
+    nearest = cv2.dilate(paint, np.ones((rim, rim), np.uint8))
+    for width in (rim, thickness):
         drawn = np.zeros(image.shape[:2], np.uint8)
-        cv2.drawContours(drawn, lines, -1, 255, thickness + beyond)
-        near = cv2.dilate(paint, np.ones((width, width), np.uint8)) if painted is None else painted
-        image[drawn > 0] = near[drawn > 0]
+        cv2.drawContours(drawn, lines, -1, 255, width)
+        image[drawn > 0] = _RIM if width == rim else nearest[drawn > 0]
 
 
 def _draw_skeleton(

@@ -15,9 +15,7 @@ from apf.body.toml import load_body
 from apf.initialisation.automatic import find_start
 from apf.initialisation.config import (
     AcceptanceConfig,
-    FrameChoice,
     ShapeFitConfig,
-    ShapePrior,
     StandingConfig,
     StartConfig,
 )
@@ -32,10 +30,9 @@ from apf.initialisation.hypotheses import (
     walking_factor,
 )
 from apf.initialisation.kept_voxels import StoredVoxels, select_person_points
-from apf.initialisation.shape_fit import Cloud, find_unfolded, fit_shape
+from apf.initialisation.shape_fit import Cloud, fit_shape
 from apf.initialisation.shape_model import ShapeModel, place_points, surface_samples
 from apf.initialisation.start import Start, StartError
-from apf.likelihood.voxel import choose_cone_sampling
 from apf.scene import Scene
 from cl import Device
 from psfs.common.cones import cone_distances
@@ -96,47 +93,6 @@ def test_fit_finds_size_lengths_and_girth() -> None:
     assert stature(fitted) == pytest.approx(stature(body), abs=0.02)
     girth = [np.mean([c.radii for c in b.cones]) for b in (fitted, body)]
     assert girth[0] == pytest.approx(girth[1], rel=0.06)
-
-
-def test_a_skirt_does_not_thicken_the_arms() -> None:
-    """Thighs of twice their girth are clothes, and the other parts keep theirs."""
-    model = ShapeModel(SONG)
-    true = np.zeros(len(model.deviation))
-    true[len(true) - len(model.radii) + model.radii.index("thigh")] = np.log(2.0)
-    body, poses = model.body(true), walking(SONG, 3)
-    clouds = [Cloud(surface(body, pose)) for pose in poses]
-    thickness = {}
-    for loose in (ShapePrior().loose, 99.0):
-        config = ShapeFitConfig(prior=ShapePrior(loose=loose))
-        shape, _ = fit_shape(SONG, clouds, np.zeros(len(true)), poses, config=config)
-        fitted = model.body(shape)
-        thickness[loose] = {
-            cone.name: np.mean(cone.radii) / np.mean(own.radii)
-            for cone, own in zip(fitted.cones, SONG.cones, strict=True)
-        }
-    found = thickness[ShapePrior().loose]
-    assert found["l_upper_arm"] == pytest.approx(1, abs=0.015)
-    assert found["l_thigh"] == pytest.approx(2, abs=0.2)
-    assert thickness[99.0]["l_upper_arm"] > 1.03
-    marked = model.mark_loose(body, true)
-    sampled = choose_cone_sampling(marked, 0.06).any(1)
-    for cone, rows in zip(marked.cones, sampled, strict=True):
-        assert cone.loose == cone.name.endswith("thigh")
-        assert rows == (cone.in_images and not cone.loose)
-
-
-def test_crouching_frames_do_not_inform_the_shape() -> None:
-    """Unless all do; a stride and raised arms are no crouch."""
-    poses = np.tile(SONG.rest_pose, (6, 1))
-    stride, squat, raised = 0.5, 1.9, 3.0
-    poses[1, [SONG.dof_names.index(f"{side}_thigh.ry") for side in "lr"]] = stride, -stride
-    poses[2, [SONG.dof_names.index(f"{side}_upper_arm.ry") for side in "lr"]] = raised
-    poses[4:, [SONG.dof_names.index(f"{side}_thigh.ry") for side in "lr"]] = squat
-    poses[4:, [SONG.dof_names.index(f"{side}_calf.ry") for side in "lr"]] = squat
-    poses[5, SONG.dof_names.index("pelvis.ry")] = 1.4  # on hands and knees
-    found = find_unfolded(SONG, poses, FrameChoice())
-    assert found.tolist() == [True, True, True, True, False, False]
-    assert find_unfolded(SONG, poses[[0, 1, 4, 5]], FrameChoice()).all()
 
 
 def test_fit_without_free_scales_keeps_the_body() -> None:

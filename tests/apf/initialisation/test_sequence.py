@@ -1,82 +1,81 @@
-"""The automatic start of a sequence: which frames it looks at."""
+"""Starts that could as well look elsewhere are decided by a longer look."""
 
 from __future__ import annotations
 
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
-from helpers import footage
+from helpers import bodies
 
-import apf.initialisation.sequence as module
-from apf.body.toml import load_body
+from apf.initialisation import sequence
 from apf.initialisation.config import StartConfig
-from apf.initialisation.sequence import initialise
+from apf.initialisation.hypotheses import forward
 from apf.initialisation.start import Start, StartError
-from cl import Device, InputError
-from psfs.sequence import Sequence
-from psfs.session import Session, SessionSettings
-from psfs.volume import automatic_grid
-from psfs.voxels.grid import VoxelGrid
 
-FRAMES, FPS = 90, 30
+SONG = bodies.named("song31")
 
 
-@pytest.fixture(scope="module")
-def sequence(tmp_path_factory: pytest.TempPathFactory) -> Sequence:
-    """Return a sequence of uniform pictures: the tests replace the search for a person."""
-    folder = footage.native(tmp_path_factory.mktemp("walk") / "walk", 2, FRAMES)
-    return Sequence.open(folder, fps=FPS)
+def start(heading: float, rival: float) -> Start:
+    pose = SONG.rest_pose.copy()
+    pose[[axis.kind for axis in SONG.bones[0].axes].index("rz")] += heading
+    return Start(SONG, pose, pose[None], 0.28, rival, 1.7, 1.0)
 
 
-@pytest.mark.parametrize("fails", [False, True])
-@pytest.mark.parametrize(
-    ("rises", "first_height", "broken"),
-    [(False, 1.2, 99), (True, 1.2, 99), (False, 0.0, 99), (False, 1.2, 50)],
-)
-def test_who_stands_later_is_measured_there(
-    sequence: Sequence,
-    monkeypatch: pytest.MonkeyPatch,
-    fails: bool,
-    rises: bool,
-    first_height: float,
-    broken: int,
-) -> None:
-    """Heights and starts are made up; frames are told by their numbers; the `broken` one cannot be
-    read."""
-    template, tall = load_body("song31"), load_body("song31")
-    calls = []
+def decided(
+    monkeypatch: pytest.MonkeyPatch, first: Start, again: Start | None, n_frames: int = 61
+) -> tuple[Start, int]:
+    """The start that is chosen, and how many were looked for."""
+    looks: list[StartConfig] = []
 
-    def find(scene, voxels, noise, keep_shape, **rest) -> Start:
-        own = keep_shape
-        calls.append(([v.index for v in voxels], scene.body, own))
-        if fails and rises and len(calls) == 1:
+    def found(session: Any, template: Any, config: StartConfig, **options: Any) -> Start:
+        looks.append(config)
+        if len(looks) == 1:
+            return first
+        if again is None:
             raise StartError("nobody")
-        body = scene.body if own else tall
-        return Start(body, np.zeros(31), np.zeros((1, 31)), 0.1, 2.0, 1.0 + len(calls), 1.0)
+        return again
 
-    class Frame:
-        def __init__(self, frame) -> None:
-            if frame.index >= broken:
-                raise InputError("broken")
-            self.index = frame.index
+    monkeypatch.setattr(sequence, "_find", found)
+    skirt = SimpleNamespace(name="skirt", fps=60.0)
+    session: Any = SimpleNamespace(sequence=skirt, frames=range(0, 2 * n_frames, 2))
+    chosen = sequence.initialise(session, SONG)
+    if len(looks) > 1:
+        assert looks[1].frames.duration == pytest.approx(2.5 * looks[0].frames.duration)
+        assert looks[1].frames.n_fitted == 2 * looks[0].frames.n_fitted
+    return chosen, len(looks)
 
-    monkeypatch.setattr(module, "find_start", find)
-    monkeypatch.setattr(Session, "reconstructor", lambda *a: Frame)
-    monkeypatch.setattr(module, "store_voxels", lambda device, voxels: voxels)
-    monkeypatch.setattr(
-        module,
-        "seen_height",
-        lambda v, config: 1.7 if rises and 55 <= v.index < 65 else first_height,
-    )
-    session = Session(sequence, Device.best(), SessionSettings(selection=slice(2, None)))
-    grid = VoxelGrid.covering(np.zeros(3), np.ones(3), 0.1)
-    session.replace_result(automatic_grid, grid)
-    start = initialise(session, template)
-    first, _ = module.frames_to_fit(range(2, FRAMES), FPS, StartConfig().frames)
-    assert calls[-1][0] == list(first)
-    if not rises or fails:
-        assert calls[-1][1] is template and not calls[-1][2] and len(calls) == 1 + (rises and fails)
-        return
-    (around, body, own), (_, kept, kept_own) = calls
-    assert around[0] <= 55 and around[-1] >= 64 and len(around) == len(first)
-    assert body is template and not own and kept is tall and kept_own
-    assert start.body is tall and start.seen == 2.0
+
+def test_headings_differ_as_meant() -> None:
+    ahead, back = start(0.0, 2.0), start(np.pi, 2.0)
+    assert forward(SONG, ahead.pose) @ forward(SONG, back.pose) == pytest.approx(-1)
+
+
+def test_a_sure_start_is_not_looked_at_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    first = start(0.0, 1.2)
+    assert decided(monkeypatch, first, None) == (first, 1)
+
+
+def test_a_longer_look_turns_the_person_about(monkeypatch: pytest.MonkeyPatch) -> None:
+    first, again = start(0.0, 1.04), start(np.pi, 1.2)
+    assert decided(monkeypatch, first, again) == (again, 2)
+
+
+def test_a_longer_look_that_agrees_or_knows_less_changes_nothing(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    first = start(0.0, 1.04)
+    for again in (start(0.3, 1.2), start(np.pi, 1.01), None):
+        assert decided(monkeypatch, first, again) == (first, 2)
+    assert decided(monkeypatch, replace(first, rival=1.0), start(2.5, 1.1))[0].rival == 1.1
+
+
+def test_a_take_that_ends_before_a_longer_look_is_not_looked_at_again(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Every second frame of 60 in a second: 40 of them hold no more than 10 fitted ones."""
+    first, again = start(0.0, 1.04), start(np.pi, 1.2)
+    assert decided(monkeypatch, first, again, 40) == (first, 1)
+    assert decided(monkeypatch, first, again, 41) == (again, 2)
