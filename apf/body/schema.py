@@ -65,6 +65,7 @@ class ConeEntry(_Entry):
     side: Place = [0.0, 1.0, 0.0]
     scale: Annotated[list[Positive], flat(2)] = [1.0, 1.0]
     in_images: bool = True
+    loose: bool = False  # files of earlier versions have it; it says nothing any more
 
 
 class JointEntry(_Entry):

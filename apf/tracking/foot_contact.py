@@ -1,7 +1,6 @@
 """Foot contact: detect when a foot stands, and stop standing feet from sliding.
 
-A foot stands while its ankle is low and slow. Heels and toes add no information, because the feet
-of the body models do not bend against the calves. A standing foot is held at its median position by
+A foot stands while its ankle is low and slow; not every body has feet that turn. A standing foot is held at its median position by
 inverse kinematics of the leg; before and after the stance, the correction fades (Kovar, Schreiner &
 Gleicher 2002, "Footskate cleanup for motion capture editing").
 """
