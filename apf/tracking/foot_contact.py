@@ -1,8 +1,8 @@
 """Foot contact: detect when a foot stands, and stop standing feet from sliding.
 
-A foot stands while its ankle is low and slow; not every body has feet that turn. A standing foot is held at its median position by
-inverse kinematics of the leg; before and after the stance, the correction fades (Kovar, Schreiner &
-Gleicher 2002, "Footskate cleanup for motion capture editing").
+A foot stands while its ankle is low and slow; not every body has feet that turn. A standing foot is
+held at its median position by inverse kinematics of the leg; before and after the stance, the
+correction fades (Kovar, Schreiner & Gleicher 2002, "Footskate cleanup for motion capture editing").
 """
 
 from __future__ import annotations
