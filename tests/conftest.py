@@ -30,11 +30,11 @@ from pyopencl import invoker
 
 from apf.initialisation.config import (
     AcceptanceConfig,
+    FrameChoice,
     HeadingConfig,
     PoseSearchConfig,
     StartConfig,
 )
-from apf.initialisation.frame_config import FrameChoice
 from apf.synthetic.generate import generate
 from apf.synthetic.scene import SceneConfig
 from cl import Device

@@ -9,12 +9,16 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from apf.body.kinematics import posed_cones
+from apf.body.model import BodyModel
 from psfs.cameras.camera import Camera
 from psfs.common.cones import cone_distances, dot
 
 #: Corners further out than this, px, count as unseen: float interpolation would displace the lines
 #: between them by more than a hundredth of a pixel, and at 1e9 px by whole pictures.
 FAR_OUT = 1e5
+#: Spheres along a cone.
+ALONG = 4
 #: Points of a drawn outline about one end of a cone.
 _RING = 24
 
@@ -103,3 +107,17 @@ def overlap_errors(cones: np.ndarray, pairs: Sequence[tuple[int, int]]) -> np.nd
         distance = cone_distances(points, own)[np.arange(len(t)), second]
         errors.append(np.mean(np.clip(1 - distance / radius, 0, 1) ** 2))
     return np.array(errors)
+
+
+def count_spheres(body: BodyModel) -> int:
+    """Return the number of a body's spheres."""
+    return len(body.cones) * ALONG
+
+
+def body_spheres(body: BodyModel, pose: np.ndarray) -> np.ndarray:
+    """Return spheres (C * ALONG, 4), centres and radii, m, along the cones of `body` in `pose`
+    (D,)."""
+    cones = posed_cones(body, pose[None])[0]
+    share = np.linspace(0, 1, ALONG)[:, None]
+    start, end = cones[:, None, 0:4], cones[:, None, 4:8]
+    return np.asarray((start + share * (end - start)).reshape(-1, 4))

@@ -6,10 +6,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from apf.backend import make_filter
 from apf.body.limbs import swinging_bones
 from apf.body.model import BodyModel
 from apf.body.stature import stature
-from apf.filters.base import Tracker
+from apf.filters.base import DeviceTracker, Tracker
+from apf.filters.config import FilterConfig
 from apf.initialisation.config import StartConfig
 from apf.initialisation.hypotheses import (
     Hypothesis,
@@ -22,7 +24,6 @@ from apf.initialisation.hypotheses import (
 )
 from apf.initialisation.shape_fit import Cloud, fit_shape
 from apf.initialisation.shape_model import ShapeModel
-from apf.initialisation.trackers import Trackers
 from apf.likelihood.observations import AnyVoxels
 from apf.scene import Scene
 
@@ -166,6 +167,32 @@ class PoseSearch:
             start[moving] = (rest[moving] + anywhere) / 2
             starts.append(start)
         return starts
+
+
+class Trackers:
+    """`trackers(body, config)`: returns a tracker with these settings for a body of the template's
+    structure.
+
+    A start tries about fifty bodies, and making a tracker takes as long as several of its steps. So
+    there is one tracker for each set of settings, and it is given the next body. A tracker is valid
+    until the next call with the same settings; call its `start` first.
+    """
+
+    def __init__(self, scene: Scene) -> None:
+        self._scene = scene
+        self._kept: dict[FilterConfig, DeviceTracker] = {}
+
+    def __call__(self, body: BodyModel, config: FilterConfig) -> Tracker:
+        """Return the tracker of `body` with the settings `config`."""
+        kept = self._kept.get(config)
+        if kept is not None:
+            if kept.body is not body:
+                kept.change_body(body)
+            return kept
+        tracker = make_filter(replace(self._scene, body=body), config)
+        if isinstance(tracker, DeviceTracker):  # making a NumPy twin takes no time
+            self._kept[config] = tracker
+        return tracker
 
 
 def _run_search(tracker: Tracker, start: np.ndarray, voxels: AnyVoxels) -> tuple[np.ndarray, float]:

@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from apf.backend import make_device_tracker, make_observer
+from apf.body.cones import body_spheres, count_spheres
 from apf.body.kinematics import posed_joints
 from apf.body.model import BodyModel
-from apf.body.spheres import body_spheres, count_spheres
 from apf.filters.base import DeviceTracker, Estimate
 from apf.filters.config import SIGMA_FPS
 from apf.filters.method import Method

@@ -9,10 +9,10 @@ from functools import partial
 import numpy as np
 
 from apf.backend import make_device_tracker
+from apf.body.cones import ALONG, count_spheres
 from apf.body.kinematics import posed_cones
 from apf.body.model import BodyModel
 from apf.body.posing import CONE_DEFINES, body_defines, pack_body
-from apf.body.spheres import ALONG, count_spheres
 from apf.filters.base import DeviceTracker, Estimate, begin_searches
 from apf.filters.method import Method
 from apf.scene import Scene

@@ -8,10 +8,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from apf.body.cones import overlap_errors, project_outlines
+from apf.body.cones import body_spheres, overlap_errors, project_outlines
 from apf.body.kinematics import bone_matrices, posed_cones
 from apf.body.model import BodyModel
-from apf.body.spheres import body_spheres
 from apf.likelihood.config import LikelihoodConfig
 from apf.likelihood.term import SharedTwin, TermTwin
 from apf.likelihood.terms import TERMS

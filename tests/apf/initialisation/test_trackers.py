@@ -11,7 +11,7 @@ from helpers.worlds import World
 
 from apf.filters.config import FilterConfig
 from apf.initialisation.kept_voxels import StoredVoxels
-from apf.initialisation.trackers import Trackers
+from apf.initialisation.pose_search import Trackers
 from cl import Device, NumpyDevice
 from psfs.voxels.grid import VoxelCloud
 

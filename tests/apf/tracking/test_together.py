@@ -8,7 +8,7 @@ from helpers.kinds import Unoptimised
 from helpers.worlds import World
 
 from apf.backend import make_device_tracker
-from apf.body.spheres import count_spheres
+from apf.body.cones import count_spheres
 from apf.body.toml import load_body
 from apf.filters.method import Method
 from apf.reference.likelihood.voxel import expect_spheres
