@@ -5,7 +5,7 @@ The only module beside tests and benchmarks that imports `psfs.reference`.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 
 import numpy as np
@@ -15,13 +15,16 @@ from cl.staging import Download
 from psfs.background.gaussian import Background
 from psfs.cameras.camera import CameraRig
 from psfs.reconstructor import Reconstructor
+from psfs.reference.division import NumpyDivision
 from psfs.reference.reconstructor import NumpyReconstructor, frame_evidence
 from psfs.sequence import Frame, frame_input
 from psfs.silhouettes.config import SilhouetteConfig
 from psfs.silhouettes.silhouette import Silhouette
 from psfs.voxels.body_prior import TrackedBody
 from psfs.voxels.config import ReconstructionConfig
+from psfs.voxels.division import Division, PersonVoxels, find_bands
 from psfs.voxels.grid import VoxelGrid
+from psfs.voxels.host_voxels import HostVoxels
 
 #: The result of `make_reconstructor`.
 AnyReconstructor = Reconstructor | NumpyReconstructor
@@ -42,6 +45,37 @@ def make_reconstructor(
     if isinstance(device, NumpyDevice):
         return NumpyReconstructor(device, rig, grid, background, config, body=body)
     return Reconstructor(device, rig, grid, background, config, sparse=sparse, body=body)
+
+
+def make_division(
+    device: Device | NumpyDevice,
+    reconstructor: AnyReconstructor,
+    grids: Sequence[VoxelGrid],
+    n_spheres: int,
+    colours: np.ndarray | None = None,
+) -> Callable[[np.ndarray, int], PersonVoxels | HostVoxels]:
+    """Return a function that divides the latest frame of `reconstructor` among people, one for each
+    of `grids`, and returns the voxels of one of them.
+
+    It takes spheres (P, `n_spheres`, 4) that say where the people are, see
+    `psfs.voxels.division.Division`, and the person's number. colours: histograms (P, BANDS,
+    LEVELS^3) of each person's, if the frames have pictures.
+    """
+    rig, config = reconstructor.rig, reconstructor.config
+    if isinstance(reconstructor, NumpyReconstructor):
+        return NumpyDivision(reconstructor, grids, colours)
+    assert isinstance(device, Device)
+    division = Division(device, rig, reconstructor.voxels, grids, n_spheres, config, colours)
+
+    def divide(spheres: np.ndarray, person: int) -> PersonVoxels:
+        division.spheres.set(spheres)
+        if division.bands is not None:
+            division.bands.set(find_bands(spheres))
+        voxels = division(person)[person]
+        voxels.frame = reconstructor.voxels.frame
+        return voxels
+
+    return divide
 
 
 def make_evidence_function(

@@ -10,15 +10,15 @@ from typing import Protocol, TypeVar
 import numpy as np
 
 from cl import Device, InputError, NumpyDevice
-from psfs.backend import AnyReconstructor, make_reconstructor
+from psfs.backend import make_reconstructor
 from psfs.common.files import resolve_path
 from psfs.diagnostics.body_agreement import check_body
 from psfs.diagnostics.examination import Examination, examine
 from psfs.footage.settings import SequenceSettings
-from psfs.people.volume import extend_to_people
+from psfs.people.people import extend_to_people
 from psfs.request import ReconstructRequest, TakeRequest
 from psfs.sequence import Sequence
-from psfs.session import Session, SessionSettings
+from psfs.session import FrameReconstructor, Session, SessionSettings
 from psfs.volume import Volume, automatic_grid, find_volume
 from psfs.voxels.body_prior import TrackedBody
 from psfs.voxels.grid import VoxelGrid, check_size
@@ -98,7 +98,7 @@ class Reconstruction:
     request: ReconstructRequest
     examination: Examination
     grid: VoxelGrid
-    reconstructor: AnyReconstructor
+    reconstructor: FrameReconstructor
 
     @property
     def session(self) -> Session:

@@ -16,7 +16,7 @@ from psfs.silhouettes.silhouette import Silhouette
 from psfs.voxels.body_prior import BodyLocation, TrackedBody, pack_body
 from psfs.voxels.bricks import Bricks, Occupancy
 from psfs.voxels.config import ReconstructionConfig
-from psfs.voxels.device_voxels import Voxels
+from psfs.voxels.device_voxels import SilhouetteVoxels, Voxels
 from psfs.voxels.grid import VoxelGrid
 from psfs.voxels.moving_grid import GridFollower
 from psfs.voxels.sparse import SparseSurface
@@ -40,6 +40,8 @@ class Reconstructor:
     with the model, `AppearanceConfig.first_looks` times; a frame after a gap once, unless
     `AppearanceConfig.look_again` is off.
     """
+
+    streams = True
 
     def __init__(
         self,
@@ -70,7 +72,7 @@ class Reconstructor:
             occupancy = Occupancy(self._bricks)
             self.surface = Surface(device, grid.shape, occupancy.probability, config.occupancy)
             self._stages = [occupancy, self.surface]
-        self.voxels = Voxels(grid, self.silhouette, self.surface)
+        self.voxels: Voxels = SilhouetteVoxels(grid, self.silhouette, self.surface)
         self._follower = GridFollower(device, grid, self.surface.list) if follow else None
         self._uploads: Uploads | None = None
         self._ahead: Frame | None = None
@@ -142,7 +144,6 @@ class Reconstructor:
         else:
             self.silhouette.input.set(frame_input(frame, self.silhouette.background))
         self._ahead, self.voxels.frame = None, frame
-        self.surface.list.restrict(None if frame.space is None else self.grid.fill(frame.space))
         self._carve()
         if foreground is not None:
             for _ in range(looks_again(before is None, new, appearance)):

@@ -26,7 +26,6 @@ from psfs.cameras.units import metres_per_unit, rotate_rig, rotation_to_z_up
 from psfs.common.files import resolve_path
 from psfs.common.ranges import check_kind
 from psfs.footage.frame import Frame as Frame
-from psfs.footage.frame import Space
 from psfs.footage.layouts import Footage, find_layout
 from psfs.footage.media import Decoder, Media, pad_pictures
 from psfs.footage.memory import FRAME_MEMORY, frame_memory_limit
@@ -88,8 +87,6 @@ class Sequence:
         self.rig: CameraRig = rotate_rig(footage.rig, rotation_to_z_up(settings.up or "z"))
         self.background_kind = self._background_kind()
         self.volume: tuple[np.ndarray, np.ndarray] | None = self._volume()
-        self._masks_of: Callable[[int], np.ndarray] | None = None
-        self._space_of: Callable[[int], Space | None] | None = None
         self._kept: np.ndarray | None = None
         self._is_kept = np.zeros(0, bool)
 
@@ -130,19 +127,6 @@ class Sequence:
         """Return the same views with `rig`, a revised calibration of the same cameras."""
         other = copy(self)
         other.rig = rig
-        return other
-
-    def with_masks(
-        self,
-        masks_of: Callable[[int], np.ndarray],
-        space_of: Callable[[int], Space | None] | None = None,
-    ) -> Sequence:
-        """Return the same views with other silhouettes: the masks (V, H, W) uint8 that `masks_of`
-        returns for the number of a frame. space_of: likewise returns where the person may be, None
-        for everywhere."""
-        other = copy(self)
-        other.background_kind, other._masks_of, other._space_of = "masks", masks_of, space_of
-        vars(other).pop("background", None)  # the property's kept value
         return other
 
     def synchronise(self, late: Mapping[str, int]) -> Sequence:
@@ -259,8 +243,7 @@ class Sequence:
     @property
     def _views(self) -> tuple[Media, ...]:
         """All media that a frame is decoded from."""
-        read = self.background_kind == "masks" and self._masks_of is None
-        masks = self.footage.masks if read else None
+        masks = self.footage.masks if self.background_kind == "masks" else None
         return (*(self.footage.images or ()), *(masks or ()))
 
     def _background_kind(self) -> str:
@@ -333,10 +316,8 @@ class Sequence:
     def _frame(
         self, index: int, decoders: list[Decoder], pool: Threads, mixture: Mixture | None
     ) -> Frame:
-        given = None if self._masks_of is None else self._masks_of(index)
-        space = None if self._space_of is None else self._space_of(index)
         if self._kept is not None and self._is_kept[index]:
-            return Frame(index, self._kept[index], given, space)
+            return Frame(index, self._kept[index], None)
         shape = (len(self.rig), self.rig.height, self.rig.width)
         images, masks = None, None
         if self.has_images:
@@ -344,9 +325,7 @@ class Sequence:
             images = np.empty((*shape, 3), np.uint8) if kept is None else kept[index]
         pictures = self._pictures(index, decoders, pool, images)
         seen = pictures[: len(self.rig)]
-        if given is not None:
-            masks = list(given)
-        elif self.background_kind == "masks":
+        if self.background_kind == "masks":
             masks = [picture.max(axis=-1) for picture in pictures[-len(self.rig) :]]
         elif self.background_kind == "threshold":
             masks = pool.map(partial(find_bright, settings=self.settings), seen)
@@ -355,7 +334,7 @@ class Sequence:
         if images is not None:
             pad_pictures(seen, images)
         padded = None if masks is None else pad_pictures(masks, np.empty(shape, np.uint8))
-        frame = Frame(index, images, padded, space)
+        frame = Frame(index, images, padded)
         if self._kept is not None:
             self._is_kept[index] = True
         return frame

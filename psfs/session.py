@@ -14,7 +14,7 @@ from collections.abc import Callable, Collection, Hashable, Iterable, Iterator
 from collections.abc import Sequence as Items
 from copy import copy
 from dataclasses import dataclass, field, replace
-from typing import Any, TypeVar, cast
+from typing import Any, Protocol, TypeVar, cast
 
 import numpy as np
 
@@ -61,6 +61,18 @@ class CarvedFrame:
     silhouettes: np.ndarray
     known: np.ndarray
     cloud: VoxelCloud
+
+
+class FrameReconstructor(Protocol):
+    """What a stage needs of a reconstructor: the voxels of a frame, and the evidence maps (V, H, W)
+    int8 that the latest was carved with."""
+
+    @property
+    def grid(self) -> VoxelGrid: ...
+
+    def evidence(self) -> np.ndarray: ...
+
+    def __call__(self, frame: Frame, /) -> Voxels | HostVoxels: ...
 
 
 class Session:
@@ -175,7 +187,7 @@ class Session:
             self._evidence.popitem(last=False)
         return [found[index] for index in wanted]
 
-    def reconstructor(self, grid: VoxelGrid, body: TrackedBody | None = None) -> AnyReconstructor:
+    def reconstructor(self, grid: VoxelGrid, body: TrackedBody | None = None) -> FrameReconstructor:
         """Return the sparse reconstructor of `grid`, in its initial state. body: a tracked body as
         a prior of the voxels.
 

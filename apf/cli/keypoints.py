@@ -16,8 +16,7 @@ from psfs.cli.commandline import progress_bar, stdout, warn
 from psfs.common.outputs import output_folder
 from psfs.common.requests import SETTINGS, write_settings
 from psfs.opening import open_sequence, stated_keys
-from psfs.people.people import follow_several
-from psfs.people.standing import StandingPeople
+from psfs.people.people import StandingPeople, follow_several
 from psfs.sequence import Sequence
 from psfs.session import Session
 
@@ -85,4 +84,4 @@ def _find_people(
         stdout.print(f"{sequence.name}: one person is seen")
         return None
     stdout.print(f"{sequence.name}: {people.describe()}")
-    return people.find_places()
+    return people.find_positions()

@@ -43,7 +43,7 @@ class FrameChoice(Config):
         0.01,
         "The same share for parts near those that are not debris, such as a head without its neck.",
     )
-    near: float = nonnegative(0.15, "Distance within which a part is near.", unit="m")
+    near: float = nonnegative(0.15, "Distance on the floor within which a part is near.", unit="m")
 
 
 class HeadingConfig(Config):

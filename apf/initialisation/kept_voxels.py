@@ -196,8 +196,8 @@ def select_person_points(
     grid: VoxelGrid, indices: np.ndarray, config: FrameChoice | None = None
 ) -> np.ndarray:
     """Return the centres (N, 3) m of the person's voxels: the largest connected component, other
-    components too large to be debris, and smaller ones close to these, such as a head whose neck is
-    missing in the silhouettes."""
+    components too large to be debris, and smaller ones close to these on the floor, such as a head
+    whose neck is missing in the silhouettes, or feet whose calves are."""
     config = config or FrameChoice()
     parts = split_regions(np.sort(indices), grid.shape)
     if not parts:
@@ -205,6 +205,6 @@ def select_person_points(
     large = [part for part in parts if len(part) >= config.min_part * len(parts[0])]
     small = [p for p in parts[len(large) :] if len(p) >= config.min_near_part * len(parts[0])]
     if small:
-        tree = scipy.spatial.cKDTree(grid.centres(np.concatenate(large)))
-        large += [p for p in small if tree.query(grid.centres(p))[0].min() < config.near]
+        tree = scipy.spatial.cKDTree(grid.centres(np.concatenate(large))[:, :2])
+        large += [p for p in small if tree.query(grid.centres(p)[:, :2])[0].min() < config.near]
     return grid.centres(np.sort(np.concatenate(large)))

@@ -294,10 +294,12 @@ def match_to_people(
 
 
 def _middles(person: Person, grid: VoxelGrid, n_frames: int) -> np.ndarray:
-    """Return the middles (F, 3) m of a person's voxels, NaN where there are none."""
+    """Return the middles (F, 3) m of a person's voxels, NaN in frames that do not show them."""
     middles = np.full((n_frames, 3), np.nan)
-    for frame, voxels in person.voxels.items():
-        middles[frame] = grid.centres(voxels).mean(0)
+    known = sorted(person.voxels)
+    points = np.array([grid.centres(person.voxels[frame]).mean(0) for frame in known])
+    frames = np.union1d(person.frames, known)
+    middles[frames] = np.stack([np.interp(frames, known, along) for along in points.T], axis=1)
     return middles
 
 

@@ -24,7 +24,7 @@ from psfs.backend import make_evidence_function
 from psfs.common.files import write_text
 from psfs.common.regions import keep_large_regions
 from psfs.common.system import ignore_signals
-from psfs.people.standing import StandingPeople
+from psfs.people.people import StandingPeople
 from psfs.sequence import Frame, Sequence
 from psfs.silhouettes.config import SilhouetteConfig
 
@@ -101,7 +101,7 @@ def _set_up_process(done: Any, stop: Any) -> None:
 def _estimate_camera(job: EstimationJob, camera: str, n_frames: int) -> np.ndarray:
     """Return one camera's keypoints (P, F, 33, 3); after a stop, those found before it."""
     sequence = Sequence.open(job.folder, **{**job.overrides, "cameras": [camera]})
-    n_people = 1 if job.people is None else job.people.places.shape[1]
+    n_people = 1 if job.people is None else job.people.positions.shape[1]
     points = np.full((n_people, n_frames, len(MEDIAPIPE), 3), np.nan)
     with ExitStack() as stack:
         networks = [stack.enter_context(closing(PoseNetwork())) for _ in range(n_people)]

@@ -152,7 +152,10 @@ class VoxelObserver:
         division = None
         if len(persons) > 1:
             n_spheres = count_spheres(persons[0].body)
-            division = Division(device, pictures.rig, reconstruct.voxels, len(persons), n_spheres)
+            division = Division(
+                device, pictures.rig, reconstruct.voxels, [grid] * len(persons), n_spheres,
+                config.reconstruction,
+            )  # fmt: skip
             parts = division.persons
         means = [MeanPosition(device, grid.shape, part.surface, part.count) for part in parts]
         return cls(device, pictures, reconstruct, persons, parts, means, division)

@@ -121,9 +121,8 @@ def find_persons(job: TrackJob, session: Session, given: GivenStart | None) -> P
     if wanted is None:
         progress.tell(f"{sequence.name}: {people.describe()}")
     keypoints = match_people_keypoints(request.keypoints, session, people, progress)
-    sessions = separate(session, people, lambda: progress("people"))
     seen = [person.frames for person in people]
-    return Persons(people.frames, seen, sessions, keypoints, people.objects)
+    return Persons(people.frames, seen, [*separate(session, people)], keypoints, people.objects)
 
 
 def _warn_of_another_number(session: Session, wanted: int, warn: Callable[[str], object]) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass, replace
 
+from apf.initialisation.personal import Outlines
 from apf.initialisation.start import StartError
 from apf.keypoints.keypoints import Keypoints
 from apf.report.judged import keep_judged_frames
@@ -13,7 +14,14 @@ from apf.request import TrackingRequest, TrackRequest
 from apf.takes.job import TrackJob, list_seeds
 from apf.takes.keypoints import OpenedKeypoints, read_keypoints
 from apf.takes.people import Persons, check_people, find_persons
-from apf.takes.results import FinishedTake, Keeper, finish_take, write_together, write_tracks
+from apf.takes.results import (
+    FinishedTake,
+    Keeper,
+    finish_take,
+    was_interrupted,
+    write_together,
+    write_tracks,
+)
 from apf.takes.start import (
     check_start,
     explain_failed_start,
@@ -25,7 +33,15 @@ from apf.tracking.correction import Corrections, read_corrections
 from apf.tracking.progress import StageProgress
 from apf.tracking.retracking import Retracking, apply_corrections
 from apf.tracking.settings import GivenStart, TakeSettings
-from apf.tracking.take import Take, check_cameras, track_take
+from apf.tracking.take import (
+    StartedTake,
+    Take,
+    check_cameras,
+    fit_personal,
+    start_take,
+    track_started,
+)
+from apf.tracking.together import fit_together
 from apf.tracking.track import Track
 from cl import Device, InputError, NumpyDevice
 from psfs.cameras.names import join_names
@@ -121,24 +137,35 @@ def run_track(
 def _track_people(job: TrackJob, examination: Examination, persons: Persons) -> list[FinishedTake]:
     """Track each person and write their files. Who cannot be started is taken for an object,
     unless the request says how many there are."""
-    done: list[FinishedTake] = []
     progress = job.progress
-    while len(done) < len(persons.sessions):
-        number = len(done) + 1
-        own_job, session = persons.job(job, number), persons.sessions[number - 1]
-        progress.begin_person(len(session.frames), number, len(persons.sessions))
+    started: list[StartedTake] = []
+    while len(started) < len(persons.sessions):
+        number = len(started) + 1
+        session = _begin_person(job, persons, number)
         try:
-            done.append(_track_person(own_job, replace(examination, session=session), None))
+            started.append(_start(persons.job(job, number), session, None, None))
         except StartError as error:
             if job.request.people != "auto" or len(persons.sessions) == 1:
                 raise
             progress.warn(f"{error}; without a first pose it is left out, as an object")
             persons = persons.without(number)
-            continue
-        if done[-1].interrupted or done[-1].take.error is not None:
+    takes: list[Take] = []
+    for number, start in enumerate(started, start=1):
+        session = _begin_person(job, persons, number)
+        if job.request.method.uses_voxels and job.request.report and job.request.output:
+            keep_judged_frames(session)
+        takes.append(_follow(persons.job(job, number), start))
+        if was_interrupted(takes[-1].tracks[0], len(session.frames)) or takes[-1].error is not None:
             break
+    takes = fit_together(started, takes)
+    done = []
+    for number, take in enumerate(takes, start=1):
+        session = _begin_person(job, persons, number)
+        own_job = persons.job(job, number)
+        keypoints = OpenedKeypoints(own_job.keypoints)
+        done.append(_finish(own_job, replace(examination, session=session), take, keypoints))
     verdicts = [one.judgements[0].quality.verdict for one in done if one.judgements]
-    tracks = persons.gather([one.take.tracks[0] for one in done], verdicts)
+    tracks = persons.gather([take.tracks[0] for take in takes], verdicts)
     done = [replace(one, everybody=tracks) for one in done]
     if job.request.output is not None and done[0].folder != job.request.output:
         whole = len(done) == len(persons.sessions) and not done[-1].interrupted
@@ -148,6 +175,13 @@ def _track_people(job: TrackJob, examination: Examination, persons: Persons) -> 
     return done
 
 
+def _begin_person(job: TrackJob, persons: Persons, number: int) -> Session:
+    """Return the session of a person, counted from 1, of whom progress is reported now."""
+    session = persons.sessions[number - 1]
+    job.progress.begin_person(len(session.frames), number, len(persons.sessions))
+    return session
+
+
 def _track_person(
     job: TrackJob,
     examination: Examination,
@@ -155,30 +189,38 @@ def _track_person(
     corrected: CorrectedTrack | None = None,
 ) -> FinishedTake:
     """Track one person in a session, or correct their track, and write their files."""
-    session, request, n_frames = examination.session, job.request, job.progress.n_frames
-    writes = request.output is not None
-    if request.method.uses_voxels and request.report and writes:
+    session, request = examination.session, job.request
+    if request.method.uses_voxels and request.report and request.output is not None:
         keep_judged_frames(session)
-    keypoints = OpenedKeypoints(job.keypoints)
+    keypoints = OpenedKeypoints(None)
     if corrected is not None:
         take = _correct(job, session, corrected)
     else:
-        if job.keypoints is None:
-            keypoints = read_keypoints(
-                request.keypoints, session.sequence, job.progress, examination.diagnosis
-            )
-        take = _track(job, session, given, keypoints.keypoints)
-    if not writes:
+        keypoints = read_keypoints(
+            request.keypoints, session.sequence, job.progress, examination.diagnosis
+        )
+        started = _start(job, session, given, keypoints.keypoints)
+        outlines = dict[int, Outlines]()
+        take = fit_personal(started, _follow(job, started, outlines), outlines, job.progress)
+    return _finish(job, examination, take, keypoints)
+
+
+def _finish(
+    job: TrackJob, examination: Examination, take: Take, keypoints: OpenedKeypoints
+) -> FinishedTake:
+    """Write the files of one person."""
+    n_frames = job.progress.n_frames
+    if job.request.output is None:
         return FinishedTake(take, n_frames, None, [])
     write_tracks(job, take)
     judgements = finish_take(job, examination, take, keypoints)
-    return FinishedTake(take, n_frames, request.output, judgements)
+    return FinishedTake(take, n_frames, job.request.output, judgements)
 
 
-def _track(
+def _start(
     job: TrackJob, session: Session, given: GivenStart | None, keypoints: Keypoints | None
-) -> Take:
-    """Track one person."""
+) -> StartedTake:
+    """Find a person's body and first pose."""
     request, sequence = job.request, session.sequence
     template, keep_shape = load_template(request.body)
     settings = TakeSettings(
@@ -188,15 +230,22 @@ def _track(
         keep_shape=keep_shape,
         height=request.height,
         given=given,
-        keypoints=keypoints,
+        keypoints=keypoints if job.keypoints is None else job.keypoints,
     )
     number = job.of_people.get("person")
     with explain_failed_start(sequence, number):
-        keep = Keeper(job.folders) if job.folders else None
-        take = track_take(session, settings, job.progress, keep)
-    if take.start is not None:
-        warn_of_doubts(sequence, take.start, job.progress.warn, number)
-    return take
+        started = start_take(session, settings, job.progress)
+    if started.start is not None:
+        warn_of_doubts(sequence, started.start, job.progress.warn, number)
+    return started
+
+
+def _follow(
+    job: TrackJob, started: StartedTake, outlines: dict[int, Outlines] | None = None
+) -> Take:
+    """Track one person from their start on, writing chunks."""
+    keep = Keeper(job.folders) if job.folders else None
+    return track_started(started, job.progress, keep, outlines)
 
 
 def _read_corrections(request: TrackingRequest) -> CorrectedTrack | None:

@@ -35,6 +35,7 @@ from apf.tracking.trackers import make_recovering_runs, run_seeds, with_seeds
 from apf.tracking.two_way import track_both_ways
 from apf.tracking.uncertainty import joint_covariance
 from cl import InputError, UserError
+from psfs.people.separation import PersonReconstructor
 from psfs.reconstructor import Reconstructor
 from psfs.sequence import Frame
 from psfs.session import Session
@@ -179,6 +180,18 @@ def _keep_in_session(
         yield index, voxels
 
 
+def observe_outlines(session: Session) -> dict[int, Outlines]:
+    """Return the outlines of the silhouettes of every frame of a session, by its number."""
+    outlines = dict[int, Outlines]()
+    seen = observe_frames(
+        session.reconstructor(automatic_grid(session)),
+        session.sequence.frames(session.settings.selection),
+    )
+    for _ in _record_outlines(session, seen, outlines):
+        pass
+    return outlines
+
+
 def _record_outlines(
     session: Session, seen: Iterable[tuple[int, Observation]], outlines: dict[int, Outlines]
 ) -> Iterator[tuple[int, Observation]]:
@@ -315,7 +328,7 @@ def observe_frames(
         except KeyboardInterrupt as interrupt:
             interrupts.append(interrupt)
 
-    if isinstance(observe, Reconstructor):
+    if isinstance(observe, (Reconstructor, PersonReconstructor)) and observe.streams:
         for voxels in observe.stream(hold_interrupts()):
             assert voxels.frame is not None
             yield voxels.frame.index, voxels

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from collections.abc import Sequence as Items
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeAlias
 
@@ -64,6 +64,17 @@ class Take:
     frame: int | None = None
 
 
+@dataclass(frozen=True, eq=False)
+class StartedTake:
+    """A take whose body and first pose are known. start: the automatic start, None if they were
+    given. personal: whether the body is fitted to the outlines of all frames."""
+
+    session: Session
+    task: TrackingTask
+    start: Start | None = None
+    personal: bool = False
+
+
 def track_take(
     session: Session,
     settings: TakeSettings | None = None,
@@ -84,6 +95,18 @@ def track_take(
     are not held in memory. Raises UserError; an error after the first frame ends the tracks and
     becomes the take's `error`.
     """
+    started = start_take(session, settings, progress)
+    outlines = dict[int, Outlines]()
+    take = track_started(started, progress, keep, outlines)
+    return fit_personal(started, take, outlines, progress)
+
+
+def start_take(
+    session: Session,
+    settings: TakeSettings | None = None,
+    progress: Callable[[str], object] | None = None,
+) -> StartedTake:
+    """Find the person's body and first pose, the first part of `track_take`."""
     settings = settings or TakeSettings()
     report = progress or (lambda stage: None)
     method, given = settings.tracked_method, settings.given
@@ -108,21 +131,52 @@ def track_take(
     body, pose = given
     if method.uses_voxels and start is None:
         check_first_pose(automatic_grid(session), body, pose, session.sequence.name)
-    report("preparing")
-    began = time.perf_counter()
     points = None if keypoint_fit is None else keypoint_fit.observations
     task = TrackingTask(body, pose, method, settings.run_seeds, points, frame)
-    store = None if keep is None else lambda parts: keep(body, pose, parts)
-    outlines = dict[int, Outlines]()
     personal = start is not None and method.goes_back and not settings.keep_shape
-    tracked = track_frames(session, task, report, store, outlines if personal else None)
-    tracks = tracked.tracks
-    if outlines:
-        report("fitting")
-        tracks = fit_personal_body(tracks, outlines, session.rate)
-        body, pose = tracks[0].body or body, tracks[0].poses[list(tracks[0].frames).index(frame)]
+    return StartedTake(session, task, start, personal)
+
+
+def track_started(
+    started: StartedTake,
+    progress: Callable[[str], object] | None = None,
+    keep: Keep | None = None,
+    outlines: dict[int, Outlines] | None = None,
+) -> Take:
+    """Track the body of the start, the second part of `track_take`. outlines: receives those of
+    the frames' silhouettes, by their numbers, if they are needed."""
+    report = progress or (lambda stage: None)
+    report("preparing")
+    began, task = time.perf_counter(), started.task
+    store = None if keep is None else lambda parts: keep(task.body, task.pose, parts)
+    tracked = track_frames(
+        started.session, task, report, store, outlines if started.personal else None
+    )
     seconds = time.perf_counter() - began
-    return Take(session.sequence, body, pose, start, tracks, seconds, tracked.error, frame)
+    return Take(
+        started.session.sequence, task.body, task.pose, started.start, tracked.tracks, seconds,
+        tracked.error, task.frame,
+    )  # fmt: skip
+
+
+def fit_personal(
+    started: StartedTake,
+    take: Take,
+    outlines: Mapping[int, Outlines],
+    progress: Callable[[str], object] | None = None,
+) -> Take:
+    """Return the take with the person's own body, the last part of `track_take`."""
+    if not (started.personal and outlines):
+        return take
+    if progress is not None:
+        progress("fitting")
+    began = time.perf_counter()
+    tracks = fit_personal_body(take.tracks, outlines, started.session.rate)
+    pose = tracks[0].poses[list(tracks[0].frames).index(take.frame)]
+    seconds = take.seconds + time.perf_counter() - began
+    return replace(
+        take, body=tracks[0].body or take.body, pose=pose, tracks=tracks, seconds=seconds
+    )
 
 
 def _find_start(

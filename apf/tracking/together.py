@@ -9,19 +9,21 @@ from functools import partial
 import numpy as np
 
 from apf.backend import make_device_tracker
-from apf.body.cones import ALONG, count_spheres
+from apf.body.cones import ALONG, body_spheres, count_spheres
 from apf.body.kinematics import posed_cones
 from apf.body.model import BodyModel
 from apf.body.posing import CONE_DEFINES, body_defines, pack_body
 from apf.filters.base import DeviceTracker, Estimate, begin_searches
 from apf.filters.method import Method
 from apf.scene import Scene
+from apf.tracking.pipeline import observe_outlines
+from apf.tracking.take import StartedTake, Take, fit_personal
 from cl import Array, Device, InputError, Launch
 from cl.batch import Batch, Parts
 from cl.workgroups import pack_defines
 from psfs.cameras.camera import CameraRig
 from psfs.common.cones import CONE_FLOATS
-from psfs.people.separation import with_hidden_maps
+from psfs.people.separation import PersonSession, with_hidden_maps
 from psfs.voxels.device_voxels import CarvedVoxels
 from psfs.voxels.division import Division
 
@@ -139,7 +141,7 @@ class PeopleTracker:
         self._n_frames = 0
         if several:
             n_spheres = count_spheres(bodies[0])
-            self._division = Division(device, rig, voxels, len(bodies), n_spheres)
+            self._division = Division(device, rig, voxels, [voxels.grid] * len(bodies), n_spheres)
             self._expected = ExpectedBodies(device, bodies, self._division.spheres)
             self._pose = self._batch.run(
                 [
@@ -195,3 +197,21 @@ class PeopleTracker:
         slot, self._n_frames = self._n_frames % SLOTS, self._n_frames + 1
         poses = [launches[slot] for launches in self._pose]
         return begin_searches(self.trackers, shows, self._queue, poses, self._batch)
+
+
+def fit_together(started: Sequence[StartedTake], takes: Sequence[Take]) -> list[Take]:
+    """Return the takes of several people, or of the first of them, with each person's own body,
+    fitted to the outlines that are left by the tracked bodies of the others."""
+    sessions = [start.session for start in started[: len(takes)]]
+    for session, take in zip(sessions, takes, strict=True):
+        if isinstance(session, PersonSession):
+            track = take.tracks[0]
+            poses = zip(track.frames[~track.lost], track.poses[~track.lost], strict=True)
+            spheres = {int(frame): body_spheres(take.body, pose) for frame, pose in poses}
+            session.joint.place(session.number, spheres)
+    fitted = []
+    for start, session, take in zip(started, sessions, takes, strict=False):
+        if start.personal:
+            take = fit_personal(start, take, observe_outlines(session))
+        fitted.append(take)
+    return fitted

@@ -1,15 +1,10 @@
-"""One frame of all views: pictures or masks, and where the person may be."""
+"""One frame of all views: pictures or masks."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TypeAlias
 
 import numpy as np
-
-#: Returns (N,) bool: which of points (N, 3) m may be the person's.
-Space: TypeAlias = Callable[[np.ndarray], np.ndarray]
 
 
 @dataclass(frozen=True, eq=False)
@@ -18,11 +13,9 @@ class Frame:
     are zero padded.
 
     images: (V, H, W, 3) uint8 BGR, or None if there are only masks. masks: (V, H, W) uint8, 255 =
-    person, or None if silhouettes are computed with a `Background`. space: where the person may be,
-    None for everywhere.
+    person, or None if silhouettes are computed with a `Background`.
     """
 
     index: int
     images: np.ndarray | None
     masks: np.ndarray | None
-    space: Space | None = None

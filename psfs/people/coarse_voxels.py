@@ -12,6 +12,7 @@ from psfs.cameras.camera import CameraRig
 from psfs.common.colours import colour_bins
 from psfs.silhouettes.hidden import UNKNOWN
 from psfs.voxels.config import ReconstructionConfig
+from psfs.voxels.division import BANDS, LEVELS, divide_height
 from psfs.voxels.grid import VoxelGrid
 from psfs.voxels.occupied_box import reachable_box
 
@@ -23,8 +24,6 @@ _LEAST_VOLUME, DEBRIS = 0.03, 8
 #: explain; a region below it is a ghost, with which nobody begins. Of two people before four
 #: cameras ghosts have up to 0.18, people from 0.3 on.
 _GHOST = 0.25
-#: Levels of each colour channel in a histogram, and height bands of a person.
-_LEVELS, BANDS = 4, 3
 #: Greatest number of voxels.
 _MOST_VOXELS = 1_500_000
 #: Evidence maps are held as bytes in the same order, as OpenCV needs them; this is no evidence.
@@ -103,16 +102,22 @@ class CoarseVoxels:
     def _find_ghosts(
         self, evidence: np.ndarray, voxels: np.ndarray, regions: np.ndarray
     ) -> frozenset[int]:
-        """Return the large regions whose silhouettes the other ones explain; the smallest first."""
+        """Return the large regions whose silhouettes the other ones explain; the one that they
+        explain best first, which then explains nothing."""
         sizes = np.bincount(regions)
+        large = [int(of) for of in np.flatnonzero(sizes >= count_least_voxels(self.grid))]
         found: set[int] = set()
-        numbers = np.flatnonzero(sizes >= count_least_voxels(self.grid))
-        for region in numbers[np.argsort(sizes[numbers])] if len(numbers) > 1 else ():
-            own = regions == region
-            rest = voxels[~own & ~np.isin(regions, list(found))]
-            share = self.measure_unexplained(evidence, voxels[own], rest)
-            if share < _GHOST:
-                found.add(int(region))
+        while len(large) > 1:
+            rest = ~np.isin(regions, list(found))
+            shares = [
+                self.measure_unexplained(
+                    evidence, voxels[regions == of], voxels[rest & (regions != of)]
+                )
+                for of in large
+            ]
+            if min(shares) >= _GHOST:
+                break
+            found.add(large.pop(int(np.argmin(shares))))
         return frozenset(found)
 
     def measure_unexplained(
@@ -145,11 +150,11 @@ class CoarseVoxels:
         voxel hides; zeros where nothing shows."""
         rows = [self.rows[part] for part in parts]
         everything = np.concatenate(rows) if rows else np.zeros(0, int)
-        found = [np.zeros((BANDS, _LEVELS**3)) for _ in parts]
-        bands = [self._find_bands(part) for part in parts]
+        found = [np.zeros((BANDS, LEVELS**3)) for _ in parts]
+        bands = [divide_height(self.grid.centres(part)[:, 2]) for part in parts]
         for view in range(len(self.rig)):
             nearest = self._find_nearest(view, everything)
-            codes = colour_bins(images[view], _LEVELS).ravel()
+            codes = colour_bins(images[view], LEVELS).ravel()
             for part, band, into in zip(rows, bands, found, strict=True):
                 at, depth = self._places[view, part], self._depths[view, part]
                 behind = depth - nearest[self._find_cells(view, at)]
@@ -157,11 +162,6 @@ class CoarseVoxels:
                 seen &= evidence[view].ravel()[at] > 0
                 np.add.at(into, (band[seen], codes[at[seen]]), 1)
         return found
-
-    def _find_bands(self, voxels: np.ndarray) -> np.ndarray:
-        heights = self.grid.centres(voxels)[:, 2]
-        low, high = heights.min(), heights.max() + 1e-6
-        return ((heights - low) / (high - low) * BANDS).astype(int)
 
     def _find_cells(self, view: int, at: np.ndarray) -> np.ndarray:
         """Return the cells, of about a voxel's width, that flat pixels lie in."""
@@ -182,11 +182,18 @@ class CoarseVoxels:
 
 
 def measure_similarity(first: np.ndarray, second: np.ndarray) -> float:
-    """Return the mean Bhattacharyya coefficient of two histograms (BANDS, K) over the bands that
-    both have; 1 if there is none."""
+    """Return the mean Bhattacharyya coefficient of two histograms (BANDS, LEVELS^3), in half as
+    many levels, over the bands that both have; 1 if there is none."""
+    first, second = (_halve_levels(of) for of in (first, second))
     sums = first.sum(1), second.sum(1)
     both = (sums[0] > 0) & (sums[1] > 0)
     if not both.any():
         return 1.0
     shares = (first[both] / sums[0][both, None]) * (second[both] / sums[1][both, None])
     return float(np.sqrt(shares).sum(1).mean())
+
+
+def _halve_levels(colours: np.ndarray) -> np.ndarray:
+    bands, half = len(colours), round(np.cbrt(colours.shape[1])) // 2
+    pairs = colours.reshape(bands, half, 2, half, 2, half, 2)
+    return pairs.sum((2, 4, 6)).reshape(bands, -1)

@@ -31,6 +31,8 @@ _CHANGE = 0.7
 #: Weight of the distance from a person's axis, added to that from the person's voxels in the frame
 #: before, where people touch; and of the last step in the running mean of a velocity.
 _AXIS_WEIGHT, _NEWEST = 0.5, 0.5
+#: Least volume, as share of the usual one, that shows that a person is there.
+PRESENT = 0.35
 #: Share of frames that must show as many heads, where people touch in all of them.
 _HEADS = 0.8
 #: Shares of a region's height above which heads may rise apart from each other: people differ in
@@ -359,12 +361,23 @@ def count_heads(frames: list[CoarseFrame], grid: VoxelGrid) -> int | None:
 
 
 def _count_heads(frame: CoarseFrame, grid: VoxelGrid) -> int:
-    """Return how many heads the large regions that stand have."""
-    return sum(
-        max(len(_find_rising(points, share, grid.voxel_size)) for share in _NECKS) or 1
-        for points in _large_regions(frame, grid)
-        if stands(points, grid.voxel_size)
-    )
+    """Return how many heads the large regions that stand have, each above enough of a body: volumes
+    grow with the cube of the height."""
+    number = 0
+    for points in _large_regions(frame, grid):
+        if not stands(points, grid.voxel_size):
+            continue
+        heads = max((_find_rising(points, share, grid.voxel_size) for share in _NECKS), key=len)
+        if len(heads) > 1:
+            apart = [np.linalg.norm(points[:, :2] - head, axis=1) for head in heads]
+            below = np.argmin(apart, axis=0)
+            volumes = np.bincount(below, minlength=len(heads))
+            tops = [points[below == k, 2].max() for k in range(len(heads))]
+            girths = volumes / np.array(tops) ** 3
+            number += int((girths >= PRESENT * girths.max()).sum())
+        else:
+            number += 1
+    return number
 
 
 def _find_rising(points: np.ndarray, share: float, size: float) -> list[np.ndarray]:

@@ -9,8 +9,9 @@ from typing import TypeVar
 import numpy as np
 
 from psfs.common.matching import match_pairs
-from psfs.people.coarse_voxels import BANDS, measure_similarity
-from psfs.people.following import APART, LOWEST, SPEED, TALL, Trajectory, find_middle
+from psfs.people.coarse_voxels import measure_similarity
+from psfs.people.following import APART, LOWEST, PRESENT, SPEED, TALL, Trajectory, find_middle
+from psfs.voxels.division import BANDS, LEVELS
 from psfs.voxels.grid import VoxelGrid
 
 T = TypeVar("T")
@@ -30,8 +31,8 @@ _SIZE_WEIGHT, _DISTANCE_WEIGHT = 0.3, 0.2
 #: Least gain of similarity, summed over both, for two trajectories to be exchanged.
 _SWAP_GAIN = 0.1
 #: Least volume of a second person, as share of the largest one's: a child of 1.15 m beside a tall
-#: man has 0.28; and of the usual one in a frame, for the person to be in it.
-_LEAST_SHARE, _PRESENT = 0.2, 0.35
+#: man has 0.28.
+_LEAST_SHARE = 0.2
 #: Least share of a second person's silhouettes, in some camera, that nobody else explains: a hull
 #: of several people has parts that nothing fills.
 _UNEXPLAINED = 0.15
@@ -54,7 +55,7 @@ class Appearance:
     def sum_colours(self, first: float, last: float) -> np.ndarray:
         """Return the sum of the colours in frames from `first` to `last`."""
         inside = [of for index, of in self.colours.items() if first <= index <= last]
-        return sum(inside, np.zeros((BANDS, 1)))
+        return sum(inside, np.zeros((BANDS, LEVELS**3)))
 
 
 Appearances = dict[Trajectory, Appearance]
@@ -195,5 +196,5 @@ def _find_ends(one: Trajectory, grid: VoxelGrid) -> np.ndarray:
 
 def find_present_frames(one: Trajectory) -> np.ndarray:
     """Return the frames (F,) in which enough of the person is seen."""
-    least = _PRESENT * count_voxels(one)
+    least = PRESENT * count_voxels(one)
     return np.array([index for index in one.frames if len(one.voxels[int(index)]) >= least], int)

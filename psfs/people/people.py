@@ -11,7 +11,7 @@ from psfs.backend import make_evidence_function
 from psfs.common.numbers import select_span
 from psfs.diagnostics.small_views import Shrink
 from psfs.people.coarse_voxels import CoarseFrame, CoarseVoxels
-from psfs.people.following import Trajectory, count_heads, follow
+from psfs.people.following import APART, Trajectory, count_heads, find_middle, follow
 from psfs.people.identities import (
     Appearance,
     Appearances,
@@ -23,24 +23,41 @@ from psfs.people.identities import (
     join_returning,
     undo_swaps,
 )
-from psfs.people.standing import StandingPeople, find_places
 from psfs.sequence import Frame
 from psfs.session import Session, check_frames
 from psfs.silhouettes.config import SilhouetteConfig
+from psfs.volume import VOLUME_MARGIN, Volume, find_volume
+from psfs.voxels.body_prior import TrackedBody
 from psfs.voxels.grid import VoxelGrid
 
 #: Longest side, px, of the pictures that people are counted in; frames per second in which they are
-#: counted and their colours compared; and the time, s, for which somebody must be seen to count.
+#: counted and their colours compared, and twice as many in which they are followed; and the time,
+#: s, for which somebody must be seen to count.
 _LONGEST_SIDE, _RATE, _LEAST_SECONDS = 480, 5.0, 0.5
 
 
 @dataclass(frozen=True, eq=False)
 class Person:
-    """One person: the coarse voxels by frame, as flat indices, of the frames (F,) that show enough
-    of him."""
+    """One person: the frames (F,) that show enough of them, and their coarse voxels by frame, as
+    flat indices, in some of these and perhaps others. colours: a histogram (BANDS, LEVELS^3), see
+    `CoarseVoxels.measure_colours`; None without pictures."""
 
     frames: np.ndarray
     voxels: dict[int, np.ndarray]
+    colours: np.ndarray | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class StandingPeople:
+    """Where people stand in `frames` (F,), ascending: x, y and height of the top (F, P, 3) m of
+    each, NaN where they are not seen."""
+
+    frames: np.ndarray
+    positions: np.ndarray
+
+    def find(self, number: int) -> np.ndarray:
+        """Return the positions (P, 3) in a frame, or in the nearest one."""
+        return self.positions[int(np.abs(self.frames - number).argmin())]
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,9 +76,19 @@ class People:
     def __iter__(self) -> Iterator[Person]:
         return iter(self.persons)
 
-    def find_places(self) -> StandingPeople:
+    def find_positions(self) -> StandingPeople:
         """Return where the people stand in each frame."""
-        return find_places(self.grid, self.frames, [one.voxels for one in self])
+        positions = np.full((len(self.frames), len(self), 3), np.nan)
+        for number, person in enumerate(self):
+            for row, frame in enumerate(self.frames):
+                if frame in person.voxels:
+                    points = self.grid.centres(person.voxels[frame])
+                    middle = find_middle(points)
+                    about = np.linalg.norm(points[:, :2] - middle, axis=1) < APART
+                    top = points[about, 2].max() + self.grid.voxel_size / 2
+                    positions[row, number] = *middle, top
+        known = np.isfinite(positions).all(-1).any(1)
+        return StandingPeople(np.array(self.frames)[known], positions[known])
 
     @property
     def counts(self) -> np.ndarray:
@@ -75,6 +102,7 @@ class People:
             Person(
                 person.frames[np.isin(person.frames, frames)],
                 {index: voxels for index, voxels in person.voxels.items() if index in frames},
+                person.colours,
             )
             for person in self.persons
         ]
@@ -116,7 +144,19 @@ def follow_people(session: Session, number: int | None = None) -> People:
     number: how many there are, if that is known: the largest so many. Raises InputError if no frame
     is selected.
     """
-    return session.compute_once((follow_people, number), lambda: _Search(session, 1, number).run())
+
+    def follow() -> People:
+        every = max(1, round(session.rate / (2 * _RATE)))
+        people = _Search(session, every, number).run()
+        frames = np.array(session.frames)
+        rows = np.minimum((np.arange(len(frames)) + every // 2) // every, len(people.frames) - 1)
+        nearest = np.array(people.frames)[rows]
+        persons = [
+            replace(person, frames=frames[np.isin(nearest, person.frames)]) for person in people
+        ]
+        return replace(people, frames=session.frames, persons=tuple(persons))
+
+    return session.compute_once((follow_people, number), follow)
 
 
 def follow_several(session: Session, number: int | None = None) -> People | None:
@@ -129,6 +169,35 @@ def follow_several(session: Session, number: int | None = None) -> People | None
         return None
     people = follow_people(session, number)
     return people if len(people) and len(people) + people.objects > 1 else None
+
+
+def extend_to_people(session: Session, body: TrackedBody | None = None) -> None:
+    """Extend the volume, unless one is stated, to all of several people: those of a track, or those
+    who are counted. The volume that is found by itself holds the largest of each frame."""
+    box = _box_of_several(session, body)
+    if box is None:
+        return
+    found, (low, high) = find_volume(session), box
+    margin = VOLUME_MARGIN * (high - low)
+    session.replace_result(
+        find_volume,
+        Volume(np.minimum(found.low, low - margin), np.maximum(found.high, high + margin)),
+    )
+
+
+def _box_of_several(
+    session: Session, body: TrackedBody | None
+) -> tuple[np.ndarray, np.ndarray] | None:
+    """Return the box around several people; None of a single one, or if a volume is stated."""
+    sequence = session.sequence
+    if sequence.volume is not None:
+        return None
+    if body is not None:
+        return body.box() if body.several else None
+    if sequence.subject != "person" or len(session.rig) < 2:
+        return None
+    people = count_people(session)
+    return people.box() if len(people) > 1 else None
 
 
 class _Search:
@@ -174,11 +243,12 @@ class _Search:
         if self.number is not None:
             others = [one for one in rest if one not in chosen]
             chosen = [*chosen, *others][: self.number - 1]
-        persons = tuple(map(self._person, (largest, *chosen)))
+        persons = tuple(self._person(one, seen[one]) for one in (largest, *chosen))
         return People(self.frames, grid, persons, len(rest) - len(chosen))
 
-    def _person(self, one: Trajectory) -> Person:
-        return Person(find_present_frames(one), one.voxels)
+    def _person(self, one: Trajectory, looks: Appearance | None = None) -> Person:
+        colours = looks.sum_colours(-np.inf, np.inf) if looks and looks.colours else None
+        return Person(find_present_frames(one), one.voxels, colours)
 
     def _is_person(self, one: Trajectory, largest: Trajectory, seen: Appearances) -> bool:
         grid, others = self.space.grid, [other for other in seen if other is not one]

@@ -1,123 +1,188 @@
 """One session for each of several people, in which the others do not count.
 
-All people are reconstructed together. Each surface voxel belongs to the person whose coarse voxels
-are nearest, and a pixel of the foreground to the people whose voxels cover it, or to the nearest. A
-person's masks are the evidence in their own pixels, nothing ("unknown") where somebody else stands
-before them, and background in the pixels of the others. If two people touch, what lies between
-their trunks may be an arm of either and belongs to both.
+All people are reconstructed together. Who covers which pixel follows from where the bodies are, see
+`psfs.voxels.division`: before they are tracked, that is where their coarse voxels are, and later
+where the tracked bodies are.
 """
 
 from __future__ import annotations
 
-import tempfile
-import threading
-import zlib
-from collections.abc import Callable
-from dataclasses import dataclass, replace
-from functools import partial
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import replace
+from typing import cast
 
-import cv2
 import numpy as np
 
-from psfs.cameras.camera import Camera, CameraRig
-from psfs.cameras.footprints import voxel_footprints
+from cl import InputError
+from psfs.backend import AnyReconstructor, make_division
+from psfs.cameras.camera import CameraRig
 from psfs.common.numbers import select_span
-from psfs.footage.frame import Space
-from psfs.people.agreement import Disagreement, measure_disagreement
-from psfs.people.contact import ARM_REACH, Pair, SplitCloud, find_contacts, split_cloud
-from psfs.people.ghosts import Ghosts
-from psfs.people.people import People
+from psfs.people.people import People, Person
+from psfs.reconstructor import Reconstructor
+from psfs.sequence import Frame
 from psfs.session import Session, SessionSettings
-from psfs.silhouettes.hidden import UNKNOWN, UNKNOWN_MASK
 from psfs.volume import Volume, automatic_grid, find_volume
-from psfs.voxels.config import ReconstructionConfig
+from psfs.voxels.body_prior import TrackedBody
+from psfs.voxels.device_voxels import Voxels
+from psfs.voxels.grid import VoxelGrid
+from psfs.voxels.host_voxels import HostVoxels
 
-#: Depth where nothing is drawn, m.
-FAR = 1e6
-#: Room around the voxels of all people, and of one, m.
+#: Room around the coarse voxels of a person, m.
 MARGIN = 0.2
-#: Depth by which another one must be nearer to the camera to hide a person, m.
-_BEFORE = 0.05
+#: Coarse voxels along an edge of the cubes of which a sphere stands for each.
+_BLOCK = 2
 
 
-def separate(
-    session: Session, people: People, progress: Callable[[], object] | None = None
-) -> list[Session]:
+class JointReconstruction:
+    """The reconstruction of all people of a session, divided among them.
+
+    `spheres[frame]`, (P, K, 4) float32, says where everybody is, see `Division`.
+    """
+
+    def __init__(self, session: Session, people: People) -> None:
+        self._session = join_session(session, people)
+        self.people = people
+        self.grids: list[VoxelGrid] = []
+        self._of_person = [cover_with_spheres(people.grid, person) for person in people]
+        self._divide: Callable[[np.ndarray, int], Voxels | HostVoxels] | None = None
+        self._reconstruct: AnyReconstructor | None = None
+
+    def place(self, number: int, spheres: Mapping[int, np.ndarray]) -> None:
+        """Say that a person is about `spheres` (K, 4) m in the frames that are their keys."""
+        self._of_person[number].update(spheres)
+        self._divide = None
+
+    def begin(self) -> AnyReconstructor:
+        """Return the reconstructor of everybody in its initial state."""
+        grid = automatic_grid(self._session)
+        reconstruct = cast(AnyReconstructor, self._session.reconstructor(grid))
+        if self._divide is None or reconstruct is not self._reconstruct:
+            frames = (len(one) for frames in self._of_person for one in frames.values())
+            self._n_spheres = max(frames, default=1)
+            known = [one.colours for one in self.people if one.colours is not None]
+            colours = np.stack(known) if len(known) == len(self.people) else None
+            self._divide = make_division(
+                self._session.device, reconstruct, self.grids, self._n_spheres, colours
+            )
+            self._reconstruct = reconstruct
+        return reconstruct
+
+    def divide(self, frame: int, number: int) -> Voxels | HostVoxels:
+        """Return the voxels of a person in the frame that was reconstructed last."""
+        assert self._divide is not None
+        spheres = np.zeros((len(self.people), self._n_spheres, 4), np.float32)
+        for row, frames in zip(spheres, self._of_person, strict=True):
+            if frame in frames:
+                row[: len(frames[frame])] = frames[frame]
+        return self._divide(spheres, number)
+
+
+def cover_with_spheres(grid: VoxelGrid, person: Person) -> dict[int, np.ndarray]:
+    """Return spheres (K, 4) float32, centres and radii, m, about a person in every frame: one for
+    each cube of some coarse voxels, with their middle and their volume. Between frames with coarse
+    voxels those of the nearest move along with the middle of all."""
+    known = np.array(sorted(person.voxels))
+    covers = [_cover(grid, person.voxels[int(frame)]) for frame in known]
+    middles = np.stack([cover[:, :3].mean(0) for cover in covers])
+    spheres = {}
+    for frame in np.union1d(person.frames, known):
+        nearest = int(np.abs(known - frame).argmin())
+        middle = [np.interp(frame, known, along) for along in middles.T]
+        moved = covers[nearest].copy()
+        moved[:, :3] += middle - middles[nearest]
+        spheres[int(frame)] = moved
+    return spheres
+
+
+def _cover(grid: VoxelGrid, voxels: np.ndarray) -> np.ndarray:
+    cubes = np.stack(np.unravel_index(voxels, grid.shape)) // _BLOCK
+    _, rows, counts = np.unique(cubes, axis=1, return_inverse=True, return_counts=True)
+    sums = np.zeros((len(counts), 3))
+    np.add.at(sums, rows.ravel(), grid.centres(voxels))
+    radii = grid.voxel_size * np.cbrt(counts * 3 / (4 * np.pi))
+    return np.column_stack([sums / counts[:, None], radii]).astype(np.float32)
+
+
+class PersonReconstructor:
+    """Reconstruction of one of several people; same interface as `Reconstructor`, on either device.
+
+    Everybody is reconstructed anew for each person. evidence: without the others."""
+
+    def __init__(self, joint: JointReconstruction, number: int) -> None:
+        self._joint, self._number = joint, number
+        self._everybody = joint.begin()
+        self._latest: Voxels | HostVoxels | None = None
+        self.grid = joint.grids[number]
+        self.streams = isinstance(self._everybody, Reconstructor)
+
+    def evidence(self) -> np.ndarray:
+        """Return the evidence maps (V, H, W) int8 that the latest frame was carved with."""
+        assert self._latest is not None and self._latest.evidence is not None
+        maps = self._latest.evidence
+        return maps if isinstance(maps, np.ndarray) else maps.get()
+
+    def __call__(self, frame: Frame) -> Voxels | HostVoxels:
+        """Return the person's voxels in a frame. Raises InputError as `Reconstructor` does."""
+        self._everybody(frame)
+        self._latest = self._joint.divide(frame.index, self._number)
+        return self._latest
+
+    def stream(self, frames: Iterable[Frame]) -> Iterator[Voxels]:
+        """Yield the voxels of every frame; an OpenCL device is sent the next frame while it
+        computes."""
+        assert isinstance(self._everybody, Reconstructor)
+        for everybody in self._everybody.stream(frames):
+            assert everybody.frame is not None
+            voxels = self._joint.divide(everybody.frame.index, self._number)
+            assert isinstance(voxels, Voxels)
+            self._latest = voxels
+            yield voxels
+
+
+class PersonSession(Session):
+    """The session of one of several people."""
+
+    def __init__(
+        self, session: Session, joint: JointReconstruction, number: int, volume: Volume
+    ) -> None:
+        selection = select_span(joint.people.persons[number].frames, session.frames.step)
+        super().__init__(
+            session.sequence.with_rig(with_hidden_maps(session.rig)),
+            session.device,
+            SessionSettings(session.reconstruction, selection, session.settings.voxel_size),
+        )
+        self.joint, self.number = joint, number
+        self.replace_result(find_volume, volume)
+
+    def reconstructor(
+        self, grid: VoxelGrid, body: TrackedBody | None = None
+    ) -> PersonReconstructor:
+        """Return the reconstructor of the person. Raises InputError for another grid than that of
+        the person, or a tracked body."""
+        if body is not None or not grid.equals(self.joint.grids[self.number]):
+            raise InputError("one of several people is reconstructed in their own grid alone")
+        return PersonReconstructor(self.joint, self.number)
+
+    def evidence(self, indices: Iterable[int]) -> list[np.ndarray]:
+        """Return the evidence (V, H, W) int8 of each frame of `indices`, without the others."""
+        reconstruct, found = PersonReconstructor(self.joint, self.number), []
+        with self.sequence.reader(learning=False) as read:
+            for index in indices:
+                reconstruct(read(index))
+                found.append(reconstruct.evidence())
+        return found
+
+
+def separate(session: Session, people: People) -> list[PersonSession]:
     """Return a session for each of `people`, over the frames from the first to the last that show
-    them. progress: called after each frame."""
-    everybody = join_session(session, people)
-    contacts = find_contacts(people, session.rate)
-    store, volumes, colours = _divide(everybody, people, contacts, progress)
-    spaces = _find_spaces(session.rig, people, contacts, colours)
-    return [
-        _make_session(session, people, number, box, store, spaces)
-        for number, box in enumerate(volumes)
-    ]
-
-
-def _divide(
-    everybody: Session,
-    people: People,
-    contacts: dict[int, list[Pair]],
-    progress: Callable[[], object] | None,
-) -> tuple[MaskStore, list[Volume], dict[tuple[int, int], Disagreement]]:
-    """Return the masks and the volume of each of `people`, and by person and frame how far the
-    cameras disagree on the colours of their voxels, if there are pictures."""
-    rig, grid = everybody.rig, automatic_grid(everybody)
-    store = MaskStore(len(rig), rig.height, rig.width)
-    attribution = Attribution(rig, everybody.reconstruction)
-    footprints = voxel_footprints(rig, grid.voxel_size)
-    reconstruct = everybody.reconstructor(grid)
-    boxes: list[list[np.ndarray]] = [[] for _ in people]
-    colours: dict[tuple[int, int], Disagreement] = {}
-    for frame in everybody.sequence.frames(everybody.settings.selection):
-        cloud = reconstruct(frame).cloud()
-        split = split_cloud(cloud, people, frame.index, contacts[frame.index])
-        for box, points in zip(boxes, split.clouds, strict=False):
-            if len(points):
-                box.append(np.stack([points.min(0), points.max(0)]))
-        if frame.images is not None and len(people) > 1:
-            depths = np.stack([
-                draw_depths(camera, cloud.centres, extents, frame.images.shape[1:3])
-                for camera, extents in zip(rig, footprints, strict=True)
-            ])  # fmt: skip
-            for number, points in enumerate(split.clouds[:-1]):
-                colours[number, frame.index] = measure_disagreement(
-                    rig, frame.images, depths, points, grid.voxel_size
-                )
-        masks = attribution(reconstruct.evidence(), split, footprints)
-        for number, own in enumerate(masks):
-            store.add(number, frame.index, own)
-        if progress is not None:
-            progress()
-    volumes = []
-    for person, box in zip(people, boxes, strict=True):
-        coarse = np.stack(replace(people, persons=(person,)).box())
-        ends = np.array(box or [coarse])  # (N, 2, 3) m
-        low, high = ends[:, 0].min(0), ends[:, 1].max(0)
-        volumes.append(Volume(low - MARGIN, high + MARGIN))
-    return store, volumes, colours
-
-
-def _find_spaces(
-    rig: CameraRig,
-    people: People,
-    contacts: dict[int, list[Pair]],
-    colours: dict[tuple[int, int], Disagreement],
-) -> Callable[[int, int], Space | None] | None:
-    """Return where a person, by number, may be in a frame: not where ghosts are. Those who touch
-    somebody may be everywhere: an arm may be in the other's space."""
-    if len(people) < 2:
-        return None  # nobody makes ghosts
-    places = people.find_places()
-
-    def find_space(number: int, frame: int) -> Space | None:
-        if any(number in pair for pair in contacts.get(frame, ())):
-            return None
-        seen = colours.get((number, frame))
-        return lambda points: Ghosts(rig, places, frame).find_own(number, points, seen)
-
-    return find_space
+    them."""
+    joint = JointReconstruction(session, people)
+    sessions = []
+    for number, person in enumerate(people):
+        volume = Volume(*replace(people, persons=(person,)).box(MARGIN))
+        sessions.append(PersonSession(session, joint, number, volume))
+        joint.grids.append(automatic_grid(sessions[-1]))
+    return sessions
 
 
 def join_session(session: Session, people: People) -> Session:
@@ -125,34 +190,6 @@ def join_session(session: Session, people: People) -> Session:
     joint = Session(session.sequence, session.device, session.settings)
     joint.replace_result(find_volume, Volume(*people.box(MARGIN)))
     return joint
-
-
-def _make_session(
-    session: Session,
-    people: People,
-    number: int,
-    volume: Volume,
-    store: MaskStore,
-    spaces: Callable[[int, int], Space | None] | None,
-) -> Session:
-    """Return the session of one person. store: their masks."""
-    selection = select_span(people.persons[number].frames, session.frames.step)
-    # The person's own masks hold ghosts that all cameras see before or behind people.
-    space_of = None if spaces is None else partial(spaces, number)
-    rig, views = with_hidden_maps(session.rig), session.sequence
-    sequence = views.with_masks(partial(store.get, number), space_of).with_rig(rig)
-    changes = {
-        "silhouette": {"evidence": {"unknown_mask": UNKNOWN_MASK}},
-        "occupancy": {"min_cameras": 1},  # what others hide is not seen, yet may be occupied
-    }
-    settings = SessionSettings(
-        session.reconstruction.overlay(changes),
-        selection,
-        session.settings.voxel_size,
-    )
-    own = Session(sequence, session.device, settings)
-    own.replace_result(find_volume, volume)
-    return own
 
 
 def with_hidden_maps(rig: CameraRig) -> CameraRig:
@@ -165,135 +202,3 @@ def with_hidden_maps(rig: CameraRig) -> CameraRig:
             for camera in rig
         )
     )  # fmt: skip
-
-
-@dataclass(frozen=True, eq=False)
-class Attribution:
-    """Assignment of evidence maps (V, H, W) to people."""
-
-    rig: CameraRig
-    config: ReconstructionConfig
-
-    def __call__(
-        self, evidence: np.ndarray, split: SplitCloud, footprints: np.ndarray
-    ) -> np.ndarray:
-        """Return masks (P, V, H, W) uint8 of the people."""
-        of_counts = self._tabulate_masks()
-        masks = np.zeros((len(split.near), *evidence.shape), np.uint8)
-        for view, counts in enumerate(evidence):
-            depths, beside = self._draw_clouds(view, split.clouds, footprints, counts.shape)
-            sole_depths, sole_beside = depths, beside
-            if split.sole is not split.clouds:
-                sole_depths, sole_beside = self._draw_clouds(
-                    view, split.sole, footprints, counts.shape
-                )
-            plain = of_counts[counts.view(np.uint8)]
-            for number, near in enumerate(split.near):
-                if not len(split.clouds[number]):
-                    continue
-                rest = [k for k in range(len(split.clouds)) if k != number]
-                mask = self._make_mask(
-                    plain, counts, depths[number], sole_depths[rest].min(0), beside[number],
-                    sole_beside[rest].min(0),
-                )  # fmt: skip
-                if len(near):
-                    _, (away,) = self._draw_clouds(view, [near], footprints, counts.shape)
-                    mask[(away == 0) & (mask == 0) & (counts > 0)] = UNKNOWN_MASK
-                masks[number, view] = mask
-        return masks
-
-    def _draw_clouds(
-        self, view: int, clouds: list[np.ndarray], footprints: np.ndarray, shape: tuple[int, ...]
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Return depths and distances (C, H, W) m of clouds in a camera, see `draw`."""
-        drawn = [draw(self.rig[view], points, footprints[view], shape) for points in clouds]
-        return np.stack([depth for depth, _ in drawn]), np.stack([away for _, away in drawn])
-
-    def _make_mask(
-        self,
-        plain: np.ndarray,
-        counts: np.ndarray,
-        depth: np.ndarray,
-        other_depth: np.ndarray,
-        beside: np.ndarray,
-        other_beside: np.ndarray,
-    ) -> np.ndarray:
-        """Return the mask (H, W) of one person in one camera."""
-        mine = (beside <= other_beside) & (beside < ARM_REACH)
-        mask = np.where(mine | (counts <= 0), plain, 0).astype(np.uint8)
-        hidden = (beside == 0) & (other_depth < depth - _BEFORE) & (counts > 0)
-        mask[hidden] = UNKNOWN_MASK
-        return mask
-
-    def _tabulate_masks(self) -> np.ndarray:
-        """Return the mask (256,) uint8 for each count of evidence, by its bits."""
-        counts = np.arange(256).astype(np.uint8).view(np.int8)
-        masks = np.rint(255 * self.config.silhouette.evidence.likelihood(counts)).astype(int)
-        masks = np.where((masks == UNKNOWN_MASK) & (counts != 0), UNKNOWN_MASK + 1, masks)
-        masks = np.where(masks == UNKNOWN_MASK, UNKNOWN_MASK - 1, masks)
-        masks[counts == UNKNOWN] = UNKNOWN_MASK
-        return np.clip(masks, 0, 255).astype(np.uint8)
-
-
-def draw(
-    camera: Camera, points: np.ndarray, footprint: np.ndarray, shape: tuple[int, ...]
-) -> tuple[np.ndarray, np.ndarray]:
-    """Draw voxels with centres (N, 3) m: return their depths, see `draw_depths`, and the distance
-    (H, W) from each pixel to their silhouette, in metres at their median depth; `FAR` if the camera
-    sees none of them."""
-    depths, middle = _draw(camera, points, footprint, shape)
-    if middle is None:
-        return depths, np.full(shape, FAR, np.float32)
-    free = (depths >= FAR).astype(np.uint8)
-    distance = cv2.distanceTransform(free, cv2.DIST_L2, 3)
-    return depths, distance * np.float32(middle / camera.K[0, 0])
-
-
-def draw_depths(
-    camera: Camera, points: np.ndarray, footprint: np.ndarray, shape: tuple[int, ...]
-) -> np.ndarray:
-    """Return the depth (H, W) m of the nearest of the voxels with centres (N, 3) m in each pixel,
-    `FAR` where there is none."""
-    return _draw(camera, points, footprint, shape)[0]
-
-
-def _draw(
-    camera: Camera, points: np.ndarray, footprint: np.ndarray, shape: tuple[int, ...]
-) -> tuple[np.ndarray, float | None]:
-    """Return the depths of `draw_depths`, and the median depth of the voxels that the camera sees,
-    None if it sees none."""
-    depths = np.full(shape, FAR, np.float32)  # OpenCV erodes no infinite values
-    inside, row, column, depth = camera.look_up(points)
-    if not inside.any():
-        return depths, None
-    order = np.argsort(-depth, kind="stable")  # the nearest is written last
-    depths[row[order], column[order]] = depth[order]
-    middle = float(np.median(depth))
-    width = max(3, 2 * int(np.ceil(float(footprint.max()) / middle)) + 1)
-    return np.asarray(cv2.erode(depths, np.ones((width, width), np.uint8))), middle
-
-
-class MaskStore:
-    """Masks (V, H, W) uint8 of people and frames, compressed in a temporary file."""
-
-    def __init__(self, *shape: int) -> None:
-        self._shape = shape
-        self._file = tempfile.TemporaryFile()  # noqa: SIM115 - as long as the store
-        self._places: dict[tuple[int, int], tuple[int, int]] = {}
-        self._lock = threading.Lock()  # frames are read ahead in other threads
-
-    def add(self, number: int, index: int, masks: np.ndarray) -> None:
-        """Keep the masks of a person in a frame."""
-        packed = zlib.compress(masks.tobytes(), 1)
-        self._places[number, index] = self._file.seek(0, 2), len(packed)
-        self._file.write(packed)
-
-    def get(self, number: int, index: int) -> np.ndarray:
-        """Return the masks of a person in a frame, black in one that was not kept."""
-        if (number, index) not in self._places:
-            return np.zeros(self._shape, np.uint8)
-        place, length = self._places[number, index]
-        with self._lock:
-            self._file.seek(place)
-            packed = self._file.read(length)
-        return np.frombuffer(zlib.decompress(packed), np.uint8).reshape(self._shape)

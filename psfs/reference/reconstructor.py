@@ -17,7 +17,7 @@ from psfs.reference.body_prior import body_evidence, body_location
 from psfs.reference.light import estimate_light
 from psfs.reference.reprojection import hide
 from psfs.reference.silhouette import mask_evidence, silhouette_evidence
-from psfs.reference.surface import occupancy, smooth, surface_colour, surface_voxels
+from psfs.reference.surface import BodyEvidence, occupancy, smooth, surface_colour, surface_voxels
 from psfs.sequence import Frame, frame_input
 from psfs.silhouettes.appearance import follows, looks_again
 from psfs.silhouettes.config import SilhouetteConfig
@@ -59,6 +59,7 @@ class NumpyReconstructor:
         self.body = body
         self._before: int | None = None
         self._latest = np.zeros((len(rig), rig.height, rig.width), np.int8)
+        self.frame: Frame | None = None
         check_size(grid)
         needed, there = _BYTES_PER_VOXEL * grid.size, physical_memory()
         if needed > there:
@@ -116,24 +117,33 @@ class NumpyReconstructor:
         )
 
     def _carve(self, frame: Frame, evidence: np.ndarray) -> HostVoxels:
-        self._latest = evidence
-        config, step = self.config.occupancy, self.config.silhouette.evidence.step
+        self._latest, self.frame = evidence, frame
         body = None
         if self.body is not None and self.foreground is None:
-            cones = self.body[frame.index]
-            body = partial(body_evidence, cones=cones, step=step)
-        padded = occupancy(self.rig, self.grid, evidence, step, config, body=body)
-        probability = smooth(padded, config.smoothing == "faces")
-        occupied = probability > config.threshold
-        if frame.space is not None:
-            occupied &= self.grid.fill(frame.space)
-        surface = surface_voxels(occupied, config.closed_surface)
-        colours = None
-        if frame.images is not None:
-            seen = (frame.images, evidence)
-            colours = partial(surface_colour, self.rig, self.grid, surface, *seen)
-        count = int(occupied.sum())
-        return HostVoxels(self.grid, probability, surface, count, colours, evidence, frame.images)
+            step = self.config.silhouette.evidence.step
+            body = partial(body_evidence, cones=self.body[frame.index], step=step)
+        return carve_voxels(self.rig, self.grid, frame, evidence, self.config, body)
+
+
+def carve_voxels(
+    rig: CameraRig,
+    grid: VoxelGrid,
+    frame: Frame,
+    evidence: np.ndarray,
+    config: ReconstructionConfig,
+    body: BodyEvidence | None = None,
+) -> HostVoxels:
+    """Return the voxels of a frame with evidence maps (V, H, W) int8; body: see `occupancy`."""
+    step = config.silhouette.evidence.step
+    padded = occupancy(rig, grid, evidence, step, config.occupancy, body=body)
+    probability = smooth(padded, config.occupancy.smoothing == "faces")
+    occupied = probability > config.occupancy.threshold
+    surface = surface_voxels(occupied, config.occupancy.closed_surface)
+    colours = None
+    if frame.images is not None:
+        colours = partial(surface_colour, rig, grid, surface, frame.images, evidence)
+    count = int(occupied.sum())
+    return HostVoxels(grid, probability, surface, count, colours, evidence, frame.images)
 
 
 def frame_evidence(

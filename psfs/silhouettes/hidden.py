@@ -7,8 +7,6 @@ import numpy as np
 from cl import Array, Device, Launch
 from psfs.background.config import UNKNOWN as UNKNOWN
 
-#: Value of the masks of one of several people that says nothing.
-UNKNOWN_MASK = 128
 #: Pixels per work-item.
 _LOT = 16
 

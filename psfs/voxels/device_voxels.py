@@ -6,7 +6,8 @@ from typing import Protocol
 
 import numpy as np
 
-from cl import Array, InputError
+from cl import Array, Device, InputError
+from psfs.cameras.camera import CameraRig
 from psfs.sequence import Frame
 from psfs.silhouettes.silhouette import Silhouette
 from psfs.voxels.colour import SurfaceColour
@@ -40,7 +41,7 @@ class CarvedVoxels(Protocol):
 
 
 class Voxels:
-    """The voxels of the latest frame, on the device; overwritten by the next frame.
+    """The surface voxels of the latest frame, on the device; overwritten by the next frame.
 
     surface: (capacity,) int32 flat indices, ascending, of which the first `count[0]` are valid.
     count, occupied: (1,) int32. evidence: (V, H, W) int8 evidence maps that the voxels were carved
@@ -52,8 +53,10 @@ class Voxels:
 
     def __init__(
         self,
+        device: Device,
+        rig: CameraRig,
         grid: VoxelGrid,
-        silhouette: Silhouette,
+        evidence: Array,
         surface: Surface | SparseSurface,
     ) -> None:
         self.grid = grid
@@ -62,10 +65,9 @@ class Voxels:
         self.surface: Array = surface.list.indices
         self.count: Array = surface.list.count
         self.occupied: Array = surface.list.occupied
-        self._surface, self._silhouette = surface, silhouette
-        self.evidence: Array | None = silhouette.evidence
+        self.evidence: Array | None = evidence
+        self._device, self._rig, self._maps, self._surface = device, rig, evidence, surface
         self._colour: SurfaceColour | None = None
-        self._images: Array | None = None
 
     @property
     def frame(self) -> Frame | None:
@@ -97,11 +99,38 @@ class Voxels:
         if pictures is None:
             raise InputError("the frame has no pictures to colour its voxels with; expected images")
         if self._colour is None:
-            rig, evidence = self._silhouette.rig, self._silhouette.evidence
             self._colour = SurfaceColour(
-                self._silhouette.device, rig, self.grid, self._surface.list, evidence
+                self._device, self._rig, self.grid, self._surface.list, self._maps
             )
         return self._colour(self.grid, pictures)
+
+    def pictures(self) -> Array | None:
+        """Return the frame's pictures (V, H, W, 3) uint8 BGR on the device, None if it has none."""
+        return None
+
+    def cloud(self, colour: bool = False) -> VoxelCloud:
+        """Download the surface voxels, in RGB if `colour` is true; waits for the device.
+
+        Raises InputError if there was no room for all voxels, or if there is no picture to colour
+        them.
+        """
+        count = int(self.count.get()[0])
+        self._surface.list.check_room()
+        volume = int(self.occupied.get()[0]) * self.grid.voxel_size**3
+        probability = self._surface.surface_probability(count)
+        rgb = self.colours().get(count)[:, :3] if colour else None
+        return VoxelCloud(self.grid, self.surface.get(count), probability, rgb, volume)
+
+
+class SilhouetteVoxels(Voxels):
+    """The voxels that a reconstructor carved from its silhouettes."""
+
+    def __init__(
+        self, grid: VoxelGrid, silhouette: Silhouette, surface: Surface | SparseSurface
+    ) -> None:
+        super().__init__(silhouette.device, silhouette.rig, grid, silhouette.evidence, surface)
+        self._silhouette = silhouette
+        self._images: Array | None = None
 
     def pictures(self) -> Array | None:
         """Return the frame's pictures (V, H, W, 3) uint8 BGR on the device, None if it has none.
@@ -117,16 +146,3 @@ class Voxels:
             self._images = self._silhouette.device.empty(images.shape, np.uint8, "the pictures")
         self._images.set(images)
         return self._images
-
-    def cloud(self, colour: bool = False) -> VoxelCloud:
-        """Download the surface voxels, in RGB if `colour` is true; waits for the device.
-
-        Raises InputError if there was no room for all voxels, or if there is no picture to colour
-        them.
-        """
-        count = int(self.count.get()[0])
-        self._surface.list.check_room()
-        volume = int(self.occupied.get()[0]) * self.grid.voxel_size**3
-        probability = self._surface.surface_probability(count)
-        rgb = self.colours().get(count)[:, :3] if colour else None
-        return VoxelCloud(self.grid, self.surface.get(count), probability, rgb, volume)

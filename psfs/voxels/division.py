@@ -1,67 +1,66 @@
-"""Division of a frame's voxels and foreground among several people, on the device."""
+"""Division of a frame among several people: whose foreground a pixel shows, with probabilities, and
+each person's voxels."""
 
 from __future__ import annotations
 
-import math
+from collections.abc import Sequence
 
 import numpy as np
 
-from cl import Array, Device, InputError, Launch
+from cl import Array, Device, InputError
 from cl.batch import Parts
-from cl.signature import Argument
 from cl.workgroups import pack_defines, size_defines
-from psfs.background.config import UNKNOWN
+from psfs.background.config import UNKNOWN, EvidenceConfig
 from psfs.cameras.camera import CameraRig
-from psfs.voxels.device_voxels import CarvedVoxels
-from psfs.voxels.grid import VoxelCloud, VoxelGrid
+from psfs.voxels.bricks import Bricks
+from psfs.voxels.config import ReconstructionConfig
+from psfs.voxels.device_voxels import CarvedVoxels, Voxels
+from psfs.voxels.grid import VoxelGrid
+from psfs.voxels.sparse import SparseSurface
 
-#: Greatest number of surface voxels of a person.
-_ROOM = 2**19
-#: Distance, m, from a body, and from its image, up to which voxels and foreground may be the
-#: person's; depth, m, by which another person must be nearer to the camera to hide this one.
-REACH, BEFORE = 0.35, 0.05
+#: Standard deviation, m, of a person's surface about the spheres that say where the person is, and
+#: depth by which somebody must be nearer to the camera to hide another: half an edge of the coarse
+#: voxels in which people are followed, and about what a body that is tracked moves aside.
+SURFACE_STD = 0.04
+#: Distance, m, from all people at which foreground is as likely nobody's.
+REACH = 0.35
+#: Nats that speak against who is behind another one, if nothing else says who is seen, and beside
+#: colours: little, since coarse voxels are also where nobody is.
+BEHIND, BEHIND_COLOURED = 2.0, 0.25
+#: Levels of each channel of a colour, and bands of a person's height that differ in colours; share
+#: of pixels whose colour is not that of the clothes.
+LEVELS, BANDS, STRANGE = 8, 3, 0.03
 
 
-class PersonVoxels:
-    """The part of `whole` that belongs to one person; trackers take it like `Voxels`.
+class PersonVoxels(Voxels):
+    """The voxels of one of several people, carved from the evidence in which the others do not
+    count. whole: everybody's."""
 
-    surface: (ROOM,) int32 flat indices, ascending, of which the first `count[0]` are valid.
-    evidence: (V, H, W) int8, in which the others do not count. All are overwritten by the next
-    frame.
-    """
-
-    stays = False
-
-    def __init__(self, whole: CarvedVoxels, surface: Array, count: Array, evidence: Array) -> None:
-        self._whole, self.surface, self.count = whole, surface, count
-        self.evidence: Array | None = evidence
-
-    @property
-    def grid(self) -> VoxelGrid:
-        """The grid of everybody's voxels."""
-        return self._whole.grid
+    def __init__(
+        self,
+        whole: CarvedVoxels,
+        device: Device,
+        rig: CameraRig,
+        grid: VoxelGrid,
+        evidence: Array,
+        surface: SparseSurface,
+    ) -> None:
+        super().__init__(device, rig, grid, evidence, surface)
+        self._whole = whole
 
     def pictures(self) -> Array | None:
-        """Return the frame's images, if it has any."""
         return self._whole.pictures()
-
-    def cloud(self) -> VoxelCloud:
-        """Download the surface voxels; waits for the device."""
-        everybody = self._whole.cloud()
-        own = np.isin(everybody.indices, self.surface.get(int(self.count.get()[0])))
-        volume = everybody.grid.voxel_size**3 * int(own.sum())
-        return VoxelCloud(
-            everybody.grid, everybody.indices[own], everybody.probability[own], None, volume
-        )
 
 
 class Division:
-    """Division of the latest frame of `voxels` among `n_people`.
+    """Division of the latest frame of `voxels` among people, one for each of `grids`.
 
     spheres: (P, K, 4) float32, to be written before each call: centres and radii, m, of `n_spheres`
-    spheres about where each person's body is. persons: the voxels of each. A surface voxel belongs
-    to the nearest person; so does a pixel of the foreground, but it is unknown to those that stand
-    behind another one there. Twin: reference/division.py.
+    spheres about where each person's body is; a radius of 0 is none. A pixel of the foreground
+    shows a person with a probability that falls with the distance of its ray from the person's
+    spheres, beside that of the others and of nobody; it is unknown to those that stand behind
+    another one there. Each person's voxels are carved from the evidence that this leaves, see
+    `psfs.reference.division`. persons: the voxels of each.
     """
 
     def __init__(
@@ -69,72 +68,104 @@ class Division:
         device: Device,
         rig: CameraRig,
         voxels: CarvedVoxels,
-        n_people: int,
+        grids: Sequence[VoxelGrid],
         n_spheres: int,
+        config: ReconstructionConfig | None = None,
+        colours: np.ndarray | None = None,
     ) -> None:
         if voxels.evidence is None:
             raise InputError("the voxels have no evidence maps; expected those of a reconstructor")
-        self._voxels, self._grid = voxels, voxels.grid
-        shape = n_people, n_spheres, 4
-        self.spheres = device.zeros(shape, np.float32, "the people's spheres")
-        room = -(-min(math.prod(voxels.grid.shape), _ROOM) // 1024) * 1024
-        lists = Parts(device, n_people, (room,), np.int32)
-        counts = Parts(device, n_people, (1,), np.int32)
+        config = hide_others(config or ReconstructionConfig())
+        n_people, evidence = len(grids), config.silhouette.evidence
+        self.spheres = device.zeros((n_people, n_spheres, 4), np.float32, "the people's spheres")
+        self.bands: Array | None = None
+        self._voxels, table = voxels, None
+        if colours is not None:
+            self.bands = device.zeros((n_people, n_spheres), np.uint8)
+            table = device.to_device(weigh_colours(colours).astype(np.float32), "people's colours")
         maps = Parts(device, n_people, voxels.evidence.shape, np.int8)
-        parts = zip(lists.arrays, counts.arrays, maps.arrays, strict=True)
-        self.persons = [PersonVoxels(voxels, *part) for part in parts]
-        lanes = 256 if device.is_gpu else 1
-        self._defines: dict[str, int] = {
-            **{"PEOPLE": n_people, "SPHERES": n_spheres, **rig.defines},
-            **{"LANES": lanes, "UNKNOWN": UNKNOWN},
-            **size_defines(device, rig.picture, voxels.grid.shape),
+        self.persons: list[PersonVoxels] = []
+        self._carve: list[SparseSurface] = []
+        for grid, part in zip(grids, maps.arrays, strict=True):
+            surface = SparseSurface(
+                Bricks(device, rig, grid, part, evidence.step, config.occupancy)
+            )
+            self._carve.append(surface)
+            self.persons.append(PersonVoxels(voxels, device, rig, grid, part, surface))
+        defines: dict[str, int] = {
+            **{"PEOPLE": n_people, "UNKNOWN": UNKNOWN, **rig.defines},
+            **{"COLOURS": int(table is not None), "LEVELS": LEVELS, "BANDS": BANDS},
+            **size_defines(device, rig.picture),
             **pack_defines(device, 64),
         }
-        self._device = device
-        owners = device.empty(voxels.surface.shape, np.uint8, "the owners of voxels")
-        listed = {"indices": voxels.surface, "n_surface": voxels.count, "owners": owners}
+        project, divide = (
+            device.kernel("reconstruction/people", name, **defines)
+            for name in ("project_people", "divide_evidence")
+        )
         images = {
             "seen": device.empty((len(rig), n_people * n_spheres, 4), np.float32, "images"),
             "boxes": device.empty((len(rig), n_people, 4), np.float32, "images' boxes"),
         }
-        self._assign = self._launch(
-            "assign_and_project",
-            (65536 if device.is_gpu else 256,), (64 if device.is_gpu else 4,),
-            grid=voxels.grid.shape, geometry=self._geometry(), reach=REACH**2,
-            n_views=len(rig), beside=REACH, spheres=self.spheres,
-            cameras=device.to_device(rig.packed(), "the cameras"), **listed, **images,
-        )  # fmt: skip
-        list_voxels = self._launch(
-            "list_voxels", (n_people * lanes,), (lanes,),
-            room=lists.step, step=counts.step, lists=lists.whole, counts=counts.whole, **listed,
-        )  # fmt: skip
-        packs = -(-rig.width * rig.height // self._defines["PACK"])
-        divide_evidence = self._launch(
-            "divide_evidence", (packs, len(rig)), (64, 1),
-            picture=rig.picture, beside=REACH**2, before=BEFORE, step=maps.step,
-            spheres=self.spheres, evidence=voxels.evidence, own=maps.whole, **images,
-        )  # fmt: skip
-        self._launches = [self._assign, list_voxels, divide_evidence]
+        packs = -(-rig.width * rig.height // defines["PACK"])
+        self._project = device.launch(
+                project, (n_people, len(rig)), (1, 1),
+                n_spheres=n_spheres, n_views=len(rig), reach=REACH, spheres=self.spheres,
+                cameras=device.to_device(rig.packed(), "the cameras"), **images,
+            )  # fmt: skip
+        self._divide = device.launch(
+                divide, (packs, len(rig)), (64, 1),
+                picture=rig.picture, n_spheres=n_spheres,
+                model=_pack_model(evidence, table is not None),
+                precision=0.5 / SURFACE_STD**2, reach=REACH**2, before=SURFACE_STD,
+                step=maps.step, spheres=self.spheres, evidence=voxels.evidence,
+                parts=maps.whole, pictures=None, bands=self.bands, colours=table, **images,
+            )  # fmt: skip
 
-    def _launch(
-        self,
-        name: str,
-        size: tuple[int, ...],
-        group: tuple[int, ...],
-        /,
-        **arguments: Argument,
-    ) -> Launch:
-        kernel = self._device.kernel("reconstruction/people", name, **self._defines)
-        return self._device.launch(kernel, size, group, **arguments)
-
-    def __call__(self) -> list[PersonVoxels]:
-        """Enqueue the division of the latest frame; return each person's voxels."""
-        if self._voxels.grid is not self._grid:
-            self._grid = self._voxels.grid
-            self._assign.set(geometry=self._geometry())
-        for launch in self._launches:
-            launch()
+    def __call__(self, person: int | None = None) -> list[PersonVoxels]:
+        """Enqueue the division of the latest frame, and the carving of everybody, or of one
+        `person` by number; return each person's voxels."""
+        self._project()
+        if self.bands is not None:
+            self._divide.set(pictures=self._voxels.pictures())
+        self._divide()
+        for carve in self._carve if person is None else (self._carve[person],):
+            carve()
         return self.persons
 
-    def _geometry(self) -> tuple[float, ...]:
-        return (*self._grid.origin, self._grid.voxel_size)
+
+def hide_others(config: ReconstructionConfig) -> ReconstructionConfig:
+    """Return the settings for one of several people: what others hide may be occupied, however few
+    cameras see it."""
+    return config.replace(occupancy=config.occupancy.replace(min_cameras=1))
+
+
+def _pack_model(evidence: EvidenceConfig, coloured: bool) -> tuple[float, ...]:
+    behind = BEHIND_COLOURED if coloured else BEHIND
+    return evidence.step, evidence.occlusion_prior, evidence.clamp, behind
+
+
+def weigh_colours(colours: np.ndarray) -> np.ndarray:
+    """Return the log likelihoods (P + 1, BANDS, LEVELS^3) of the colours of people, of whom
+    histograms (P, BANDS, LEVELS^3) are known, and of nobody, who has any."""
+    number = colours.shape[-1]
+    sums = colours.sum(-1, keepdims=True)
+    known = np.divide(colours, sums, out=np.full(colours.shape, 1 / number), where=sums > 0)
+    shares = (1 - STRANGE) * known + STRANGE / number
+    return np.log(np.concatenate([shares, np.full((1, *colours.shape[1:]), 1 / number)]))
+
+
+def find_bands(spheres: np.ndarray) -> np.ndarray:
+    """Return the bands (P, K) uint8 of the height of each of the people's `spheres` (P, K, 4); none
+    of them where the radius is 0."""
+    bands = np.zeros(spheres.shape[:2], np.uint8)
+    for person, row in zip(spheres, bands, strict=True):
+        shown = person[:, 3] > 0
+        if shown.any():
+            row[shown] = divide_height(person[shown, 2])
+    return bands
+
+
+def divide_height(heights: np.ndarray) -> np.ndarray:
+    """Return the bands (N,) int of the height that points of one person are in."""
+    low, high = heights.min(), heights.max() + 1e-6
+    return ((heights - low) / (high - low) * BANDS).astype(int)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -82,18 +81,6 @@ class VoxelGrid:
             return centres.reshape(-1, 3)
         ijk = np.stack(np.unravel_index(indices, self.shape), -1)
         return self.origin + (ijk + 0.5) * self.voxel_size
-
-    def fill(self, contain: Callable[[np.ndarray], np.ndarray], block: int = 2) -> np.ndarray:
-        """Return (nx, ny, nz) bool: the voxels in a space, of which `contain` returns (N,) bool for
-        points (N, 3) m; decided for cubes of `block` voxels by their centres."""
-        size = block * self.voxel_size
-        along = [np.arange(-(-n // block)) + 0.5 for n in self.shape]
-        shape = tuple(map(len, along))
-        centres = np.stack(np.meshgrid(*along, indexing="ij"), -1).reshape(-1, 3)
-        inside = contain(self.origin + size * centres).reshape(shape)
-        for axis in range(3):
-            inside = inside.repeat(block, axis)
-        return inside[tuple(map(slice, self.shape))]
 
 
 def check_size(grid: VoxelGrid) -> None:

@@ -38,9 +38,6 @@ class SurfaceList:
         self.count = device.zeros(1, np.int32, "the number of surface voxels")
         self.occupied = device.zeros(1, np.int32, "the number of occupied voxels")
         self._found = device.zeros(1, np.int32, "the number of surface voxels")
-        self._bits, self._shape = bits, shape
-        self._space: Array | None = None
-        self._restrict: Launch | None = None
         lanes = 128 if device.is_gpu else 1
         starts = device.empty(nx * ny, np.int32, "the rows of the grid")
         totals = device.empty((nx, 2), np.int32, "the slabs of the grid")
@@ -52,7 +49,6 @@ class SurfaceList:
             "FACES": 1,  # of no use here; as by default, so that one program does
             **size_defines(device, grid=shape),
         }
-        self._defines = defines
         listed = {"n_surface": self.count, "n_occupied": self.occupied, "found": self._found}
         listed["indices"] = self.indices
         room: dict[str, Argument] = {"capacity": self.capacity}
@@ -69,29 +65,8 @@ class SurfaceList:
         ]
 
     def __call__(self) -> None:
-        if self._restrict is not None:
-            self._restrict()
         for launch in self._launches:
             launch()
-
-    def restrict(self, space: np.ndarray | None) -> None:
-        """Empty the voxels that are not in `space` (nx, ny, nz) bool before the surface of the next
-        frames is listed; None for none."""
-        if space is None:
-            self._restrict = None
-            return
-        if self._space is None:
-            self._space = self._device.empty(self._bits.shape, np.uint16, "the space of a person")
-        self._space.set(pack_voxels(space))
-        n_words = math.prod(self._bits.shape)
-        self._restrict = self._device.launch(
-            self._device.kernel("reconstruction/surface", "restrict_bits", **self._defines),
-            (n_words,),
-            (64,),
-            n_words=n_words,
-            space=self._space,
-            bits=self._bits,
-        )
 
     def gather(self, count: int, kernel: Kernel, **source: Argument) -> np.ndarray:
         """Download the `count` float32 values that `kernel` gathers from its `source` at the
@@ -113,15 +88,6 @@ class SurfaceList:
                 f"the surface has {found:,} voxels; expected at most {self.capacity:,} "
                 "(are the silhouettes full of noise?)"
             )
-
-
-def pack_voxels(voxels: np.ndarray) -> np.ndarray:
-    """Return bits (nx, ny, ceil(nz / 16)) uint16 of voxels (nx, ny, nz) bool."""
-    nx, ny, nz = voxels.shape
-    packed = np.packbits(voxels, axis=-1, bitorder="little")
-    bits = np.zeros((nx, ny, 2 * -(-nz // 16)), np.uint8)
-    bits[..., : packed.shape[-1]] = packed
-    return bits.view("<u2").astype(np.uint16)
 
 
 class Surface:

@@ -25,7 +25,7 @@ from psfs.diagnostics import examination
 from psfs.diagnostics.alignment import correct_rig
 from psfs.diagnostics.faults import diagnose
 from psfs.diagnostics.occluders import find_hidden_pixels
-from psfs.people import people, volume
+from psfs.people import people
 from psfs.people.people import count_people
 from psfs.session import Session
 from psfs.volume import BoxSearch
@@ -71,7 +71,7 @@ def remembered() -> Iterator[None]:
         for stage in (diagnose, find_hidden_pixels, correct_rig):
             patch.setattr(examination, stage.__name__, find_once(stage))
         patch.setattr(check, diagnose.__name__, find_once(diagnose))
-        for module in (people, people_of_takes, info, volume):
+        for module in (people, people_of_takes, info):
             patch.setattr(module, "count_people", count_once)
         patch.setattr(BoxSearch, "run", search_once)
         patch.setattr(start, "fit_to_joints", fit_once)

@@ -51,20 +51,6 @@ def test_masks_agree_with_the_twin(device: Device) -> None:
     assert 0.9 * inside.sum() * 0.06**3 < cloud.volume < 2.2 * inside.sum() * 0.06**3
 
 
-@pytest.mark.parametrize("sparse", [False, True])
-def test_voxels_outside_of_the_space_of_a_frame_are_empty(device: Device, sparse: bool) -> None:
-    rig, grid = scenes.without_distortion(scenes.ring(4)), scenes.small_grid()
-    frame = scenes.frame(masks=scenes.masks_of(rig))
-    above = replace(frame, space=lambda points: points[:, 2] > 1.0)
-    reconstruct = Reconstructor(device, rig, grid, None, sparse=sparse)
-    everything, cloud = reconstruct(frame).cloud(), reconstruct(above).cloud()
-    twin = NumpyReconstructor(NumpyDevice(), rig, grid, None)(above).cloud()
-    assert len(np.setxor1d(cloud.indices, twin.indices)) <= max(2, 0.01 * len(twin.indices))
-    assert 0 < cloud.volume < 0.7 * everything.volume
-    assert cloud.centres[:, 2].min() > 1.0 - grid.voxel_size
-    np.testing.assert_array_equal(reconstruct(frame).cloud().indices, everything.indices)
-
-
 def walk(rig, steps: int = 4):
     """Frames in which the test body moves along x by 0.12 m each."""
     frames = []

@@ -11,7 +11,6 @@ import cv2
 import numpy as np
 import pytest
 from helpers import footage, scenes
-from helpers.faults import masks_folder
 from helpers.shared import shared_data
 from PIL import Image
 
@@ -200,15 +199,6 @@ def test_videos_that_are_not_seen_are_named(tmp_path: Path) -> None:
         path.rename(path.with_suffix(".r3d"))
     with pytest.raises(InputError, match=r"found .*videos/cam01\.r3d.*expected .*\.mp4"):
         Sequence.open(tmp_path)
-
-
-def test_masks_of_a_person_in_place_of_a_folders_own(tmp_path: Path) -> None:
-    masks_folder(tmp_path)
-    whole = Sequence.open(tmp_path)
-    shape = (len(whole.rig), whole.rig.height, whole.rig.width)
-    own = whole.with_masks(lambda index: np.full(shape, index, np.uint8))
-    assert [frame.masks.max() for frame in own] == [0, 1, 2]
-    assert not list(own.select_frames([]))
 
 
 def test_views_of_different_sizes_are_padded(tmp_path: Path) -> None:

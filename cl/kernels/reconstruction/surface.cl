@@ -35,14 +35,6 @@ __kernel void threshold(int3 grid, float least, __global const float *restrict p
     bits[word] = (ushort)mask;
 }
 
-// Empties the occupied voxels that are not in a space, one item per word.
-__kernel void restrict_bits(int n_words, __global const ushort *restrict space,
-                            __global ushort *restrict bits)
-{
-    const int word = get_global_id(0);
-    if (word < n_words) bits[word] &= space[word];
-}
-
 // The voxels of a word that are occupied together with both neighbours along z.
 static inline uint within_row(int3 grid, __global const ushort *restrict bits, int at, int word)
 {

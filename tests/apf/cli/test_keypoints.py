@@ -20,7 +20,7 @@ from apf.keypoints.estimation import update_crop
 from apf.keypoints.keypoints import Keypoints
 from apf.keypoints.readers.orders import MEDIAPIPE
 from psfs.common.outputs import output_folder
-from psfs.people.standing import StandingPeople
+from psfs.people.people import StandingPeople
 
 FRAMES = 6
 STAND_IN = '''

@@ -77,7 +77,7 @@ def test_another_number_than_is_seen_is_said(
     followed = People(range(3), None, (one,) * 2)  # type: ignore[arg-type]
     monkeypatch.setattr(people, "count_people", lambda session: seen)
     monkeypatch.setattr(people, "follow_several", lambda session, number: followed)
-    monkeypatch.setattr(people, "separate", lambda session, found, line: [session] * len(found))
+    monkeypatch.setattr(people, "separate", lambda session, found: [session] * len(found))
     session = SimpleNamespace(sequence=SimpleNamespace(name="duo", subject="person"))
     request = TrackRequest(folders=(Path("duo"),), people=2)
     job = TrackJob(request, None, TakeLine(progress_bar()))  # type: ignore[arg-type]

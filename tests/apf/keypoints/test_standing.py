@@ -7,7 +7,7 @@ from helpers import scenes
 
 from apf.keypoints.standing import PersonFinder
 from psfs.cameras.camera import Camera, CameraRig
-from psfs.people.standing import StandingPeople
+from psfs.people.people import StandingPeople
 
 PLACES = np.array([[-0.5, 0.0, 1.6], [0.5, 0.0, 1.6]])
 

@@ -2,18 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import pytest
+from helpers import scenes
 from helpers.kinds import Unoptimised
 from helpers.worlds import World
 
 from apf.backend import make_device_tracker
 from apf.body.cones import count_spheres
+from apf.body.kinematics import posed_cones, posed_joints
 from apf.body.toml import load_body
 from apf.filters.method import Method
 from apf.reference.likelihood.voxel import expect_spheres
 from apf.tracking.together import SLOTS, ExpectedBodies, PeopleTracker
 from cl import Device, InputError
+from psfs.cameras.footprints import voxel_footprints
+from psfs.common.cones import cone_distances
+from psfs.reconstructor import Reconstructor
+from psfs.voxels.device_voxels import Voxels
+from psfs.voxels.host_voxels import voxel_silhouette
 
 
 @pytest.mark.parity("tracking/people.expect_spheres")
@@ -36,55 +45,74 @@ def test_expected_places_equal_the_twin(device: Device) -> None:
     np.testing.assert_allclose(spheres.get()[1], at_rest, atol=2e-5)
 
 
+class Film:
+    """Masks of the bodies of a world in its frames, and the voxels carved from them."""
+
+    def __init__(self, world: World, offsets: Sequence[float]) -> None:
+        self.world, self.offsets = world, offsets
+        self.carve = Reconstructor(world.device, world.rig, world.grid, None, sparse=True)
+
+    def pose(self, person: int, frame: int) -> np.ndarray:
+        """The pose of a person, moved aside."""
+        pose = self.world.pose(frame)
+        pose[list(self.world.body.dof_names).index("pelvis.tx")] += self.offsets[person]
+        return pose
+
+    def voxels(self, frame: int) -> Voxels:
+        rig = self.world.rig
+        masks = np.zeros((len(rig), rig.height, rig.width), np.uint8)
+        for person in range(len(self.offsets)):
+            cones = posed_cones(self.world.body, self.pose(person, frame)[None])[0]
+            centres = self.world.grid.centres()
+            inside = centres[cone_distances(centres, cones).min(1) < 0.02]
+            prints = voxel_footprints(rig, self.world.grid.voxel_size)
+            for mask, camera, extent in zip(masks, rig, prints, strict=True):
+                mask[voxel_silhouette(camera, inside, extent, mask.shape)] = 255
+        return self.carve(scenes.frame(index=frame, masks=masks))
+
+
 def test_joined_launches_track_everybody_as_single_ones_do(
     device: Device, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     if not device.is_gpu:  # CPUs join none
         programs = Unoptimised(device.programs, "batch_member")
         monkeypatch.setattr(device, "programs", programs)
-    world, method = World(device), Method.create(n_particles=37, n_layers=2)
-    everybody = world.voxels(0)
-    maps = (len(world.rig), world.rig.height, world.rig.width)
-    everybody.evidence = device.zeros(maps, np.int8)
-    taller = world.body.scaled(dict.fromkeys(world.body.scale_groups, 1.12))
-    poses = [world.pose(0), world.pose(0)]
-    poses[1][list(world.body.dof_names).index("pelvis.tx")] += 0.3
+    film, method = Film(World(device), (0.0, 0.3)), Method.create(n_particles=37, n_layers=2)
+    body = film.world.body
+    bodies = [body, body.scaled(dict.fromkeys(body.scale_groups, 1.12))]
     found = []
     for joins in (True, False):
-        bodies = [world.body, taller]
-        people = PeopleTracker(device, world.rig, everybody, bodies, method, joins=joins)
-        people.start(poses)
-        streamed = people.stream(world.voxels(frame) for frame in range(1, 4))
+        people = PeopleTracker(
+            device, film.world.rig, film.carve.voxels, bodies, method, joins=joins
+        )
+        people.start([film.pose(person, 0) for person in (0, 1)])
+        streamed = people.stream(film.voxels(frame) for frame in range(1, 3))
         found.append([[estimate.pose for estimate in estimates] for estimates in streamed])
         if joins:
             assert people.n_joined > 50
     np.testing.assert_array_equal(*found)
 
 
-def test_one_person_is_tracked_as_alone_and_a_second_elsewhere_takes_nothing(
+def test_one_person_is_tracked_as_alone_and_one_of_two_takes_nothing_of_the_other(
     device: Device,
 ) -> None:
-    world, method = World(device), Method.create(n_particles=37, n_layers=3)
-    first = world.pose(0)
-    alone = make_device_tracker(world.scene(), method)
-    alone.start(first)
-    expected = [alone.step(world.voxels(frame)).pose for frame in range(1, 4)]
-    everybody = world.voxels(0)
-    maps = (len(world.rig), world.rig.height, world.rig.width)
-    everybody.evidence = device.zeros(maps, np.int8)
-    elsewhere = first.copy()
-    elsewhere[list(world.body.dof_names).index("pelvis.tx")] += 1.5
-    for poses in ([first], [first, elsewhere]):
-        bodies = [world.body] * len(poses)
-        people = PeopleTracker(device, world.rig, everybody, bodies, method)
-        people.start(poses)
-        stepped = [people.step(world.voxels(frame)) for frame in range(1, 4)]
-        people.start(poses)
-        streamed = list(people.stream(world.voxels(frame) for frame in range(1, 4)))
-        for found in (stepped, streamed):
-            np.testing.assert_array_equal([estimates[0].pose for estimates in found], expected)
-        if len(poses) > 1:
-            assert streamed[-1][1].misfit > 2 * streamed[-1][0].misfit
+    method = Method.create(n_particles=60, n_layers=4)
+    film = Film(World(device), (0.0,))
+    alone = make_device_tracker(film.world.scene(), method)
+    alone.start(film.pose(0, 0))
+    expected = [alone.step(film.voxels(frame)).pose for frame in (1, 2)]
+    body, rig = film.world.body, film.world.rig
+    people = PeopleTracker(device, rig, film.carve.voxels, [body], method)
+    people.start([film.pose(0, 0)])
+    stepped = [people.step(film.voxels(frame))[0].pose for frame in (1, 2)]
+    np.testing.assert_array_equal(stepped, expected)
+    two = Film(World(device), (-0.35, 0.35))
+    people = PeopleTracker(device, rig, two.carve.voxels, [body, body], method)
+    people.start([two.pose(person, 0) for person in (0, 1)])
+    stepped = [people.step(two.voxels(frame)) for frame in (1, 2)]
+    for person in (0, 1):
+        joints = posed_joints(body, np.stack([stepped[1][person].pose, two.pose(person, 2)]))
+        assert np.linalg.norm(joints[0] - joints[1], axis=-1).mean() < 0.08
 
 
 def test_bodies_and_poses_are_those_of_the_same_people(device: Device) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from psfs.people.coarse_voxels import BANDS, CoarseFrame, measure_similarity
+from psfs.people.coarse_voxels import CoarseFrame, measure_similarity
 from psfs.people.following import Trajectory, count_heads, follow
 from psfs.people.identities import (
     Appearance,
@@ -20,6 +20,7 @@ from psfs.people.identities import (
     join_returning,
     undo_swaps,
 )
+from psfs.voxels.division import BANDS, LEVELS
 from psfs.voxels.grid import VoxelGrid
 
 FPS, SIZE = 10.0, 0.08
@@ -179,7 +180,7 @@ def test_a_hull_that_nobody_fills_is_no_person() -> None:
 
 
 def coloured(code: int) -> np.ndarray:
-    histogram = np.zeros((BANDS, 64))
+    histogram = np.zeros((BANDS, LEVELS**3))
     histogram[:, code] = 10
     return histogram
 

@@ -1,168 +1,94 @@
-"""Of two people each gets masks of their own."""
+"""Several people in one volume, and each of them apart from the others."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
+import pytest
 from helpers import footage, scenes
 
-from cl import NumpyDevice
-from psfs.background.config import UNKNOWN, EvidenceConfig
+import psfs
+from cl import Device, InputError
 from psfs.cameras.camera import CameraRig
 from psfs.cameras.footprints import voxel_footprints
-from psfs.people.contact import SplitCloud, find_contacts, split_cloud
-from psfs.people.people import People, Person
-from psfs.people.separation import FAR, MARGIN, Attribution, MaskStore, draw, separate
+from psfs.people.people import Person, follow_people
+from psfs.people.separation import cover_with_spheres, separate
 from psfs.sequence import Sequence
 from psfs.session import Session, SessionSettings
-from psfs.volume import find_volume
-from psfs.voxels.config import ReconstructionConfig
-from psfs.voxels.grid import VoxelCloud, VoxelGrid
+from psfs.volume import automatic_grid, find_volume
+from psfs.voxels.grid import VoxelGrid
+from psfs.voxels.host_voxels import voxel_silhouette
 
-SIZE = 0.05
-GRID = VoxelGrid.covering(np.array([-1.0, -1.0, 0.0]), np.array([1.0, 1.0, 1.8]), SIZE)
-
-
-def block(x: float) -> np.ndarray:
-    """Flat indices of the voxels of somebody at x, y = 0."""
-    beside = np.abs(GRID.centres()[:, :2] - [x, 0]).max(1) < 0.15
-    return np.flatnonzero(beside & (GRID.centres()[:, 2] < 1.5))
+STEP = 0.05
 
 
-def rig() -> CameraRig:
-    """A camera that sees both side by side, and one that sees them behind one another."""
-    target, size = np.array([0.0, 0.0, 0.8]), (120, 120)
-    aside = scenes.looking_at("aside", np.array([0.0, -4.0, 0.8]), target, size, 140)
-    before = scenes.looking_at("before", np.array([4.0, 0.0, 0.8]), target, size, 140)
-    return scenes.without_distortion(CameraRig((aside, before)))
+def somebody(x: float) -> np.ndarray:
+    """Points of a block of 0.3 x 0.3 x 1.5 m that stands at x, y = 0."""
+    ends = ((x - 0.15, x + 0.15), (-0.15, 0.15), (0.0, 1.5))
+    axes = [np.arange(low, high, STEP) + STEP / 2 for low, high in ends]
+    return np.stack(np.meshgrid(*axes), -1).reshape(-1, 3)
 
 
-def test_voxels_belong_to_the_nearest_and_far_ones_to_nobody() -> None:
-    left, right, far = block(-0.5), block(0.5), np.array([GRID.size - 1])
-    voxels = np.sort(np.concatenate([left, right, far]))
-    cloud = VoxelCloud(GRID, voxels.astype(np.int32), np.ones(len(voxels), np.float32))
-    both = (Person(np.array([7]), {7: left}), Person(np.array([7]), {7: right}))
-    split = split_cloud(cloud, People(range(8), GRID, both), 7)
-    clouds = split.clouds
-    assert split.sole is clouds and not any(map(len, split.near))  # they do not touch
-    assert [len(points) for points in clouds] == [len(left), len(right), 1]
-    assert clouds[0][:, 0].max() < 0 < clouds[1][:, 0].min()
+def film(folder: Path, points: np.ndarray) -> Path:
+    """Write three frames of four cameras that show the same points, as masks."""
+    rig = scenes.without_distortion(CameraRig(scenes.ring(4).cameras))
+    footage.write_toml(folder / "calibration.toml", footage.tables(rig))
+    prints = voxel_footprints(rig, STEP)
+    for view, camera in enumerate(rig):
+        shown = voxel_silhouette(camera, points, prints[view], camera.size[::-1])
+        (folder / "masks" / camera.name).mkdir(parents=True)
+        for frame in range(3):
+            path = folder / "masks" / camera.name / f"{frame:06d}.png"
+            cv2.imwrite(str(path), np.where(shown, 255, 0).astype(np.uint8))
+    return folder
 
 
-def test_pixels_of_the_other_are_background_or_unknown() -> None:
-    cameras, config = rig(), ReconstructionConfig()
-    footprints = voxel_footprints(cameras, SIZE)
-    clouds = [GRID.centres(block(x)) for x in (-0.5, 0.5)]  # the second is nearer to `before`
-    evidence = np.full((2, 120, 120), -60, np.int8)
-    covered = []
-    for view, camera in enumerate(cameras):
-        depths = [draw(camera, points, footprints[view], (120, 120))[0] for points in clouds]
-        covered.append(np.array(depths) < FAR)
-        evidence[view][covered[-1].any(0)] = 12
-    attribute = Attribution(cameras, config)
-    empty = clouds[0][:0]
-    first, second = attribute(evidence, SplitCloud(clouds, clouds, [empty, empty]), footprints)
-    table = config.silhouette.evidence.replace(unknown_mask=128)
-    counts = [table.mask_counts(masks) for masks in (first, second)]
-    own, other = covered[0]
-    assert (counts[0][0][own & ~other] > 8).all()
-    assert (counts[0][0][other & ~own] < -90).all()
-    assert (counts[1][0][other & ~own] > 8).all()
-    behind, before = covered[1]
-    assert (counts[1][1][before] > 8).all()
-    hidden = behind & before
-    assert hidden.sum() > 500
-    assert (counts[0][1][hidden] == UNKNOWN).all()
-    assert (counts[0][1][behind & ~before] != UNKNOWN).all()
+def test_both_people_are_reconstructed(tmp_path: Path, device: Device) -> None:
+    both = film(tmp_path, np.concatenate([somebody(-0.6), somebody(0.5)]))
+    clouds = list(psfs.reconstruct(psfs.open_sequence(both), device=device, voxel_size=0.05))
+    for cloud in clouds:
+        assert cloud.centres[:, 0].min() < -0.65 and cloud.centres[:, 0].max() > 0.55
+        assert not (np.abs(cloud.centres[:, 0] + 0.05) < 0.1).any()  # the gap between them
 
 
-def test_arms_of_people_who_touch_are_foreground_of_both() -> None:
-    """Both reach out and touch in the middle; the first one's trunk says nothing to the second."""
-    cameras, centres = rig(), GRID.centres()
-    arms = (np.abs(centres[:, 1]) < 0.06) & (np.abs(centres[:, 2] - 1.1) < 0.06)
-    left, right = (np.abs(centres[:, 0] - x) < 0.3 for x in (-0.3, 0.3))
-    first = np.union1d(block(-0.4), np.flatnonzero(arms & left))
-    second = np.union1d(block(0.4), np.flatnonzero(arms & right & ~left))
-    voxels = np.union1d(first, second)
-    cloud = VoxelCloud(GRID, voxels.astype(np.int32), np.ones(len(voxels), np.float32))
-    both = (Person(np.array([7]), {7: first}), Person(np.array([7]), {7: second}))
-    people = People(range(8), GRID, both)
-    assert not any(find_contacts(people, 10).values())  # a frame of two is too short
-    split = split_cloud(cloud, people, 7, find_contacts(people, 5)[7])
-    assert split.clouds[0][:, 0].max() > 0.05 and split.clouds[1][:, 0].min() < -0.05
-    assert split.sole[0][:, 0].max() < 0 < split.sole[1][:, 0].min()
-    assert all(len(near) and near[:, 2].min() > 0.6 for near in split.near)
-    footprints, camera = voxel_footprints(cameras, SIZE), cameras[0]
-    evidence = np.full((2, 120, 120), -60, np.int8)
-    evidence[0][draw(camera, cloud.centres, footprints[0], (120, 120))[0] < FAR] = 12
-    masks = Attribution(cameras, ReconstructionConfig())(evidence, split, footprints)[:, 0]
-    pixels, _ = camera.project(np.array([[-0.05, 0, 1.1], [0.05, 0, 1.1], [-0.25, 0, 1.1]]))
-    column, row = pixels.round().astype(int).T
-    assert (masks[:, row[:2], column[:2]] > 200).all()
-    assert masks[0, row[2], column[2]] > 200 and masks[1, row[2], column[2]] == 128
+def test_each_person_is_reconstructed_without_the_other(tmp_path: Path, device: Device) -> None:
+    folder = film(tmp_path, np.concatenate([somebody(-0.3), somebody(0.3)]))
+    session = Session(Sequence.open(folder), device, SessionSettings(voxel_size=0.05))
+    people = follow_people(session, 2)
+    sessions = separate(session, people)
+    means = []
+    for own, person in zip(sessions, people, strict=True):
+        assert list(own.frames) == list(person.frames) == [0, 1, 2]
+        assert (find_volume(own).low < -0.1).all()
+        grid = automatic_grid(own)
+        reconstruct = own.reconstructor(grid)
+        cloud = reconstruct(own.sequence.read(1)).cloud()
+        means.append(cloud.centres[:, 0].mean())
+        assert np.ptp(cloud.centres[:, 0]) < 0.5 and np.ptp(cloud.centres[:, 2]) > 1.3
+        (maps,) = own.evidence([1])
+        np.testing.assert_array_equal(maps, reconstruct.evidence())
+        with pytest.raises(InputError, match="their own grid"):
+            own.reconstructor(replace(grid, voxel_size=0.1))
+    assert sorted(np.sign(means)) == [-1, 1]
+    # Once the bodies are known they say who is where: here that they have changed places.
+    for number, x in enumerate(means):
+        body = np.array([[-x, 0, z, 0.15] for z in np.arange(0.1, 1.5, 0.1)], np.float32)
+        sessions[0].joint.place(number, {2: body})
+    for own, x in zip(sessions, means, strict=True):
+        reconstruct = own.reconstructor(automatic_grid(own))
+        clouds = [reconstruct(own.sequence.read(frame)).cloud() for frame in (1, 2)]
+        assert np.sign([cloud.centres[:, 0].mean() for cloud in clouds]).tolist() == [
+            np.sign(x), -np.sign(x),
+        ]  # fmt: skip
 
 
-def test_masks_say_nothing_at_one_value_only_if_it_is_stated() -> None:
-    masks = np.arange(256)
-    plain = EvidenceConfig().mask_counts(masks)
-    stated = EvidenceConfig(unknown_mask=128).mask_counts(masks)
-    assert (plain != UNKNOWN).all()
-    assert np.flatnonzero(stated != plain).tolist() == [128]
-    assert stated[128] == UNKNOWN
-
-
-def test_stored_masks_come_back() -> None:
-    store = MaskStore(2, 5, 7)
-    masks = np.random.default_rng(1).integers(0, 256, (2, 5, 7)).astype(np.uint8)
-    store.add(0, 3, masks)
-    store.add(1, 3, masks[::-1].copy())
-    assert (store.get(0, 3) == masks).all()
-    assert (store.get(1, 3) == masks[::-1]).all()
-    assert not store.get(0, 4).any()
-
-
-def test_sessions_of_frames_from_the_last_to_the_first(tmp_path: Path) -> None:
-    """The footage shows nobody: without surface voxels the coarse ones are what is known."""
-    sequence = Sequence.open(footage.native(tmp_path / "s", frames=4))
-    settings = SessionSettings(selection=slice(None, None, -1), voxel_size=0.2)
-    session = Session(sequence, NumpyDevice(), settings)
-    persons = [
-        Person(np.array(seen), {index: block(x) for index in seen})
-        for x, seen in ((-0.5, [0, 1, 2]), (0.5, [1, 3]))
-    ]
-    people = People(session.frames, GRID, tuple(persons))
-    assert people.counts.tolist() == [1, 1, 2, 1]
-    nobody = People(session.frames, GRID, ())
-    assert nobody.counts.tolist() == [0, 0, 0, 0]
-    for own, person in zip(separate(session, people), persons, strict=True):
-        first, last = person.frames[[0, -1]]
-        assert list(own.frames) == list(range(last, first - 1, -1))
-        low, high = People(session.frames, GRID, (person,)).box(MARGIN)
-        box = find_volume(own)
-        np.testing.assert_allclose([box.low, box.high], [low, high])
-    space = own.sequence.read(2).space
-    assert space is not None
-    trunks = np.array([[0.5, 0.05, 1.0], [-0.5, 0.05, 1.0]])  # of the person, and of the other
-    assert space(trunks).tolist() == [True, False]
-
-
-def test_space_of_others_who_stand_is_no_persons_unless_they_touch(tmp_path: Path) -> None:
-    """They stand apart in the first frame and touch in the others."""
-    sequence = Sequence.open(footage.native(tmp_path / "s", frames=8))
-    session = Session(sequence, NumpyDevice(), SessionSettings(voxel_size=0.2))
-    near = np.abs(GRID.centres() - [0, 0, 1.1]) < [0.25, 0.06, 0.06]
-    arms = np.flatnonzero(near.all(1))
-    left, right = Person(np.arange(8), {}), Person(np.arange(8), {})
-    for person, x in ((left, -0.4), (right, 0.4)):
-        touching = np.union1d(block(x), arms)
-        person.voxels.update({0: block(x)} | dict.fromkeys(range(1, 8), touching))
-    trunks = np.array([[-0.4, 0.05, 1.0], [0.4, 0.05, 1.0]])
-    people = People(session.frames, GRID, (left, right))
-    for number, own in enumerate(separate(session, people)):
-        space = own.sequence.read(0).space
-        assert space is not None
-        assert space(trunks).tolist() == [number == 0, number == 1]
-        assert own.sequence.read(1).space is None
-    (alone,) = separate(session, People(session.frames, GRID, (left,), objects=1))
-    assert alone.sequence.read(0).space is None
+def test_spheres_have_the_middle_and_the_volume_of_the_coarse_voxels() -> None:
+    grid = VoxelGrid.covering(np.zeros(3), np.ones(3), 0.1)
+    voxels = np.ravel_multi_index(np.indices((4, 2, 3)).reshape(3, -1), grid.shape)
+    spheres = cover_with_spheres(grid, Person(np.array([7]), {7: voxels}))[7]
+    assert len(spheres) == 4
+    assert np.sum(spheres[:, 3] ** 3) * 4 / 3 * np.pi == pytest.approx(len(voxels) * 0.1**3)
+    np.testing.assert_allclose(spheres[:, :3].min(0), [0.1, 0.1, 0.1], atol=1e-6)

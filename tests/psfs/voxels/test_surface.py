@@ -65,24 +65,6 @@ def test_the_closed_surface_of_faces_agrees_with_the_twin(
         assert len(surface_voxels(occupied)) < len(expected) < occupied.sum()
 
 
-@pytest.mark.parity("reconstruction/surface.restrict_bits")
-def test_voxels_outside_of_a_space_are_empty_until_it_is_taken_back(device: Device) -> None:
-    rng = np.random.default_rng(5)
-    padded = (rng.random((19, 14, 35)) < 0.9).astype(float)
-    surface, space = run(device, padded), rng.random((17, 12, 33)) < 0.6
-    everything = surface.list.indices.get(int(surface.list.count.get()[0]))
-    surface.list.restrict(space)
-    surface()
-    occupied = (surface.probability.get() > CUBE.threshold) & space
-    count = int(surface.list.count.get()[0])
-    np.testing.assert_array_equal(surface.list.indices.get(count), surface_voxels(occupied))
-    assert int(surface.list.occupied.get()[0]) == occupied.sum()
-    surface.list.restrict(None)
-    surface()
-    count = int(surface.list.count.get()[0])
-    np.testing.assert_array_equal(surface.list.indices.get(count), everything)
-
-
 def test_nothing_occupied(device: Device) -> None:
     surface = run(device, np.zeros((12, 9, 10)))
     assert surface.list.count.get()[0] == 0 and surface.list.occupied.get()[0] == 0

@@ -1,0 +1,31 @@
+"""Where people stand is found from their coarse voxels."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from psfs.people.people import People, Person
+from psfs.voxels.grid import VoxelGrid
+
+GRID = VoxelGrid.covering(np.array([-2.0, -2, 0]), np.array([2.0, 2, 2.2]), 0.08)
+
+
+def voxels(*boxes: tuple) -> np.ndarray:
+    """Flat indices of the voxels in boxes (x, x, y, y, z, z) m."""
+    x, y, z = GRID.centres().T
+    inside = [
+        (x > a) & (x < b) & (y > c) & (y < d) & (z > e) & (z < f) for a, b, c, d, e, f in boxes
+    ]
+    return np.flatnonzero(np.any(inside, axis=0))
+
+
+def test_the_axis_runs_through_the_trunk_whatever_an_arm_reaches_for() -> None:
+    trunk, arm = (0.3, 0.7, -0.9, -0.5, 0, 1.6), (0.7, 1.5, -0.8, -0.6, 1.2, 2.1)
+    other = (-1.2, -0.8, 0.3, 0.7, 0, 1.8)
+    voxels_of = [{0: voxels(trunk), 4: voxels(trunk, arm)}, {4: voxels(other)}]
+    persons = tuple(Person(np.array(sorted(of)), of) for of in voxels_of)
+    found = People(range(0, 8, 4), GRID, persons).find_positions()
+    np.testing.assert_array_equal(found.frames, [0, 4])
+    np.testing.assert_allclose(found.positions[:, 0, :2], [[0.5, -0.7]] * 2, atol=0.12)
+    np.testing.assert_allclose(found.positions[1, 1], [-1, 0.5, 1.8], atol=0.06)
+    assert abs(found.positions[0, 0, 2] - 1.6) < 0.06 and np.isnan(found.positions[0, 1]).all()
