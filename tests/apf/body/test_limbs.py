@@ -4,17 +4,21 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from helpers import bodies
 
-from apf.body.kinematics import posed_joints
+from apf.body.kinematics import posed_cones, posed_joints
 from apf.body.limbs import (
+    add_ankles,
     limb_chains,
     limb_joints,
     limb_masks,
+    limb_names,
     solve_inverse_kinematics,
     swinging_bones,
     trunk_mask,
 )
-from apf.body.toml import load_body
+from apf.body.stature import stature
+from apf.body.toml import format_body, load_body, parse_body
 
 
 def test_the_trunk_is_what_branches() -> None:
@@ -72,3 +76,22 @@ def test_a_limb_reaches_for_places() -> None:
     )
     far = solve_inverse_kinematics(body, poses, limbs, joints, places + 9.0)
     assert np.all((far >= body.lower) & (far <= body.upper)) and np.isfinite(far).all()
+
+
+@pytest.mark.parametrize("name", ["song31", "song32", "rymut31", "rymut31_lower"])
+def test_feet_turn_about_ankles(name: str) -> None:
+    """Nothing else changes, neither in files nor if ankles are added once more."""
+    body = bodies.named(name)
+    footed = parse_body(format_body(add_ankles(body)), "footed")
+    assert add_ankles(footed) is not None and add_ankles(footed).n_dof == footed.n_dof
+    poses = bodies.random_poses(body, 2)
+    padded = np.pad(poses, ((0, 0), (0, footed.n_dof - body.n_dof)))
+    np.testing.assert_allclose(posed_joints(footed, padded), posed_joints(body, poses), atol=1e-9)
+    np.testing.assert_allclose(posed_cones(footed, padded), posed_cones(body, poses), atol=1e-9)
+    assert limb_names(footed) == limb_names(body)
+    assert swinging_bones(footed) == swinging_bones(body)
+    assert stature(footed) == pytest.approx(stature(body))
+    turned = padded.copy()
+    turned[:, footed.dof_names.index("l_foot.ry")] += 0.3
+    moved = np.abs(posed_cones(footed, turned) - posed_cones(footed, padded)).max((0, 2)) > 1e-3
+    assert {footed.cone_names[k] for k in np.flatnonzero(moved)} == {"l_foot"}

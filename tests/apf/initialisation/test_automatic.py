@@ -23,7 +23,6 @@ from apf.initialisation.hypotheses import (
     Hypothesis,
     forward,
     registration_error,
-    search_body,
     select_close,
     select_distinct,
     standing_pose,
@@ -181,13 +180,6 @@ def test_people_look_where_they_go() -> None:
     factors = [walking_factor(SONG, pose, np.array(way)) for way in ((0.5, 0), (0, 0.5), (-0.5, 0))]
     assert pytest.approx(factors[0]) == 1 and factors[0] < factors[1] < factors[2]
     assert walking_factor(SONG, pose, np.array([-0.1, 0.0])) == 1
-
-
-def test_a_limb_is_searched_for_alone() -> None:
-    limb = [bone.name for bone in SONG.bones].index("l_upper_arm")
-    moving = {SONG.dof_names[k] for k in np.flatnonzero(search_body(SONG, limb).sigma)}
-    assert moving == {f"l_upper_arm.{a}" for a in ("rx", "ry", "rz")} | {"l_forearm.ry"}
-    assert np.all(search_body(SONG).sigma > 0)
 
 
 def test_standing_on_the_floor() -> None:

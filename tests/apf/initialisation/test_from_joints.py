@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -81,12 +80,6 @@ def test_wrong_joints_show_in_the_error() -> None:
     joints["l_wrist"] = joints["l_wrist"] + [0, 0, 1.5]
     _, _, error = fit_to_joints(SONG, joints)
     assert error > 0.1
-
-
-def test_names_of_degrees_of_freedom_do_not_matter() -> None:
-    body = replace(SONG, dof_names=tuple(f"q{i}" for i in range(SONG.n_dof)))
-    _, _, joints = random_person(1)
-    assert fit_to_joints(body, joints)[2] < 0.004
 
 
 def test_too_few_joints_are_refused() -> None:

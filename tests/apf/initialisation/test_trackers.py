@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,7 +11,7 @@ from helpers.worlds import World
 from apf.filters.config import FilterConfig
 from apf.initialisation.kept_voxels import StoredVoxels
 from apf.initialisation.pose_search import Trackers
-from cl import Device, NumpyDevice
+from cl import Device
 from psfs.voxels.grid import VoxelCloud
 
 FEW = FilterConfig.create(n_particles=37, n_layers=1)
@@ -33,15 +32,6 @@ def test_a_tracker_serves_the_next_body(device: Device, caplog: pytest.LogCaptur
         first.step(world.voxels(0))
     assert not [record for record in caplog.records if "built" in record.message]
     assert trackers(taller, FEW.with_changes(n_particles=38)) is not first
-
-
-def test_a_twin_is_made_for_every_body(device: Device) -> None:
-    scene = replace(World(device).scene(), device=NumpyDevice())
-    trackers = Trackers(scene)
-    first = trackers(scene.body, FEW)
-    other = scene.body.scaled({}, 1.2)
-    assert trackers(other, FEW) is not first
-    assert trackers(other, FEW).body is other
 
 
 def test_kept_voxels_are_observed_once() -> None:
