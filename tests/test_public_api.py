@@ -110,7 +110,14 @@ def test_track_gives_the_track_of_the_command(walk: Path, tmp_path: Path) -> Non
         progress=stages.append,
     )
     np.testing.assert_array_equal(track.poses, apf.Track.open(tmp_path).poses)
-    assert stages == ["volume", "preparing", *5 * ["tracking"], *5 * ["tracking back"]]
+    assert stages == [
+        "opening",
+        "examining",
+        "volume",
+        "preparing",
+        *5 * ["tracking"],
+        *5 * ["tracking back"],
+    ]
     assert apf.evaluate(track, apf.load_truth(truth)).mean_error < 0.1
     for ending in ("npz", "trc", "csv", "bvh", "c3d", "glb", "mot"):
         track.save(tmp_path / "out" / f"walk.{ending}")
