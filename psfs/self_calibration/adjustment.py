@@ -18,7 +18,6 @@ import numpy as np
 from cl import InputError
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.rig_geometry import intersect_axes_ahead, look_along_baseline
-from psfs.common.least_squares import Parameters, Residuals, Slope, prior, solve
 from psfs.diagnostics.config import AlignmentConfig
 from psfs.diagnostics.frontier import (
     FrontierPoints,
@@ -42,6 +41,8 @@ _FARTHEST = 8.0
 FIRST, SECOND = 4, 10
 #: Gate of the last rounds, px: so far silhouettes are wrong.
 LAST_GATE = 2.0
+#: Turn, rad, and lag, frames, up to which two rigs are the same arrangement.
+_SAME_TURN, _SAME_LAG = 0.14, 4.0
 #: Most passes over a rig, the share of a standard deviation below which it stays, and the multiple
 #: of a step by which another goes on.
 _PASSES, _SETTLED, _FURTHER = 8, 0.1, 5.0
@@ -83,14 +84,12 @@ class PersonPoints:
         return own
 
     def find_extremes(
-        self, cameras: Sequence[Camera], shifts: np.ndarray, every: int = 1, last: bool = False
+        self, cameras: Sequence[Camera], shifts: np.ndarray, every: int = 1
     ) -> FrontierPoints:
         """Return the points in which the outermost planes touch both silhouettes, of every
-        `every`-th frame. last: of pairs with the last camera alone."""
+        `every`-th frame."""
         scene, found = intersect_axes_ahead(CameraRig(tuple(cameras))), []
         for pair in combinations(range(len(cameras)), 2):
-            if last and pair[1] != len(cameras) - 1:
-                continue
             _, axes, distance = look_along_baseline(cameras[pair[0]], cameras[pair[1]], scene)
             if distance < _NEAREST:
                 continue
@@ -100,28 +99,6 @@ class PersonPoints:
                 sides.append((*self.hulls[view].extreme_points(angles), int(shifts[view])))
             found.append(_match_extremes(pair, sides[0], sides[1], every))
         return join_points(found)
-
-    def measure_apart(
-        self, cameras: Sequence[Camera], lags: np.ndarray, scene: np.ndarray, pair: tuple[int, int]
-    ) -> np.ndarray:
-        """Return by how much, px, two cameras' outermost planes (M, 2) are apart at the same times;
-        NaN where unknown, no rows if the cameras' line passes too near to the scene."""
-        _, axes, distance = look_along_baseline(cameras[pair[0]], cameras[pair[1]], scene)
-        if distance < _NEAREST:
-            return np.zeros((0, 2))
-        first, second = (
-            self.hulls[view].extremes(self._measure_angles(cameras[view], view, axes))
-            for view in pair
-        )
-        lag = float(lags[pair[1]] - lags[pair[0]])
-        whole = int(np.floor(lag))
-        begin, end = max(0, -whole), min(len(first), len(second) - 1 - whole)
-        if end - begin < 1:
-            return np.zeros((0, 2))
-        before, after = (second[begin + whole + k : end + whole + k] for k in (0, 1))
-        apart = first[begin:end] - (1 + whole - lag) * before - (lag - whole) * after
-        # Either camera's pixel is wrong: the angle between them is that of 1.4 px.
-        return apart * cameras[pair[0]].K[0, 0] / np.sqrt(2)
 
     def _measure_angles(self, camera: Camera, view: int, axes: np.ndarray) -> np.ndarray:
         flat = self.hulls[view].rays @ (camera.R @ axes)
@@ -196,6 +173,12 @@ def measure_turn(first: Sequence[Camera], second: Sequence[Camera]) -> float:
     return float(np.arccos(np.clip(cosines, -1, 1)).max())
 
 
+def differ(first: Adjusted, second: Adjusted) -> bool:
+    """Return whether two rigs are different arrangements: farther apart than the search's steps."""
+    turn = measure_turn(first.rig.cameras, second.rig.cameras)
+    return turn > _SAME_TURN or float(np.abs(first.lags - second.lags).max()) > _SAME_LAG
+
+
 def adjust_rounds(
     rig: CameraRig, lags: np.ndarray, find: Find, config: AlignmentConfig, gates: Sequence[float],
     further: MeasureShifted | None = None,
@@ -229,38 +212,6 @@ def adjust_rounds(
     return None if found is None else Adjusted(rig, lags, found)
 
 
-def adjust_last(
-    cameras: Sequence[Camera], lags: np.ndarray, points: PersonPoints, rounds: int
-) -> tuple[tuple[Camera, ...], np.ndarray] | None:
-    """Adjust the last camera and its lag to the outermost planes of the others; None if there are
-    too few."""
-    config = points.config.wide
-    spread = np.array([[*3 * [config.turn], *3 * [config.shift], 1e-9, config.time]])
-    cameras, lags = tuple(cameras), lags.copy()
-    for _ in range(rounds):
-        shifts = np.round(lags).astype(int)
-        found = points.find_extremes(cameras, shifts, last=True)
-        if len(found) < config.least_rows * spread.size:
-            return None
-
-        def evaluate(
-            parameters: Parameters, cameras: tuple[Camera, ...] = cameras,
-            offsets: np.ndarray = shifts - lags, found: FrontierPoints = found,
-        ) -> list[Residuals]:  # fmt: skip
-            (change,) = parameters["last"]
-            moved = (*cameras[:-1], correct_camera(cameras[-1], change))
-            later = np.append(offsets[:-1], offsets[-1] + change[7])
-            residuals, slopes = epipolar_residuals(moved, found, later)
-            slope = Slope("last", np.zeros(len(found), int), slopes[:, 1:])
-            seen = Residuals(residuals, [slope], weights=config.information, least=config.noise)
-            return [seen, prior("last", parameters["last"], spread)]
-
-        (step,) = solve(evaluate, {"last": np.zeros((1, 8))}, steps=1).parameters["last"]
-        cameras = (*cameras[:-1], correct_camera(cameras[-1], step))
-        lags[-1] -= step[7]
-    return cameras, lags
-
-
 def measure_misfit(adjusted: Adjusted, points: PersonPoints, every: int = 1) -> float:
     """Return the mean distance, px, of the outermost points from the epipolar lines. Half the
     largest distance counts for points that the shorter recording would have and that lags leave
@@ -273,32 +224,6 @@ def measure_misfit(adjusted: Adjusted, points: PersonPoints, every: int = 1) -> 
     total = np.minimum(np.abs(residuals), _FARTHEST).sum()
     total += 0.5 * _FARTHEST * max(0.0, wanted - len(found))
     return float(total / max(wanted, len(found), 1))
-
-
-def measure_last_misfit(
-    cameras: Sequence[Camera], lags: np.ndarray, points: PersonPoints, moving: bool = False
-) -> float:
-    """Return the mean distance, px, of the last camera's outermost planes from those of the others.
-    Half the largest distance counts for what is missing of half of the shorter recording, for all
-    of it if the cameras' line passes too near to the scene.
-
-    moving: compare how planes move; steady differences, as of wrong elevations, count a tenth.
-    """
-    last, scene = len(cameras) - 1, intersect_axes_ahead(CameraRig(tuple(cameras)))
-    total = count = 0.0
-    for other in range(last):
-        apart = points.measure_apart(cameras, lags, scene, (other, last))
-        wanted = points.shortest * (1 if len(apart) else 2)
-        known = np.isfinite(apart)
-        number = known.sum()
-        if number and moving:
-            usual = np.nanmedian(apart, axis=0)
-            apart = apart - usual
-            total += 0.1 * np.minimum(np.abs(usual), 2 * _FARTHEST).sum() * number / 2
-        total += np.minimum(np.abs(apart[known]), _FARTHEST).sum()
-        total += 0.5 * _FARTHEST * max(0, wanted - number)
-        count += max(wanted, number)
-    return total / count
 
 
 def measure_pairs(adjusted: Adjusted, points: PersonPoints) -> np.ndarray:

@@ -2,15 +2,14 @@
 
 Each camera tells its tilt and height, and the person's places, by itself (`upright`); angles and
 lags are searched in tables of all pairs (`pairing`, `head_height`, `search`); the best ones are
-adjusted, and the best of these is adjusted to all frontier points (`adjustment`). If none fits, as
-of somebody who stays in place, the rig is grown camera by camera (`growth`). The best rig is
-adjusted until it stays. Of a large rig some cameras are found so, and the others are added to these
-(`addition`). What cannot be trusted is refused (`checks`).
+adjusted, and the best of these is adjusted to all frontier points (`adjustment`) until it stays. Of
+a large rig all cameras are compared with some, and arrangements by some. What cannot be trusted is
+refused (`checks`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import combinations
@@ -23,7 +22,6 @@ from psfs.common.progress import Track, map_in_threads, track_silently
 from psfs.diagnostics.frontier import FrontierPoints, SilhouetteContours
 from psfs.diagnostics.limbs import LimbPoints, LimbViews
 from psfs.diagnostics.refinement import Further
-from psfs.self_calibration.addition import CameraAddition, choose_core
 from psfs.self_calibration.adjustment import (
     FIRST,
     LAST_GATE,
@@ -33,6 +31,7 @@ from psfs.self_calibration.adjustment import (
     PersonPoints,
     adjust_extremes,
     adjust_frontier,
+    differ,
     measure_misfit,
     refine_until_converged,
 )
@@ -40,25 +39,24 @@ from psfs.self_calibration.checks import (
     check_fit,
     check_unambiguous,
     check_uncertainty,
-    differ,
     fits_as_well,
-    list_lags,
     measure_uncertainty,
     measure_worst_misfit,
 )
 from psfs.self_calibration.config import PersonConfig
-from psfs.self_calibration.growth import grow_rigs
-from psfs.self_calibration.head_height import compare_head_heights, refine_lags
+from psfs.self_calibration.head_height import compare_head_heights
 from psfs.self_calibration.pairing import Walker, compare_pair
 from psfs.self_calibration.room_edges import find_room_edges
 from psfs.self_calibration.search import N_ANGLES, ArrangementSearch, place_cameras
-from psfs.self_calibration.take import FILM, Outlines, PersonTake, check_seen
+from psfs.self_calibration.take import Outlines, PersonTake, check_seen
 from psfs.self_calibration.world import align_to_person, level_rig, measure_path
 
 #: Arrangements from the search that are adjusted, and those of these that are adjusted further.
 _CANDIDATES, _FINALISTS = 40, 3
-#: Misfit of the worst camera above which other rigs are grown and compared, px.
+#: Misfit of the worst camera above which rivals are adjusted until they stay, too, px.
 _SURE = 0.7
+#: Most cameras by which arrangements are compared, and number of these with which all others are.
+CORE, _ANCHORS = 8, 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,10 +95,7 @@ def calibrate_by_person(
     """
     check_number_of_cameras(len(cameras))
     take = PersonTake.create(cameras, outlines, edges, rate, config)
-    core = choose_core(outlines)
-    best = _find_rig(take.select(core), rate, config, track)
-    if best is not None and len(core) < len(cameras):
-        best = _add_others(best, core, take, config, track)
+    best = _find_rig(take, rate, config, track)
     return _make_calibration(
         best,
         take.points,
@@ -138,30 +133,18 @@ def adjust_calibration(
 
 def _find_rig(take: PersonTake, rate: float, config: PersonConfig, track: Track) -> Adjusted | None:
     """Return the rig that fits best, searched or grown."""
-    starts = _search(take, config, track)
-    ranked = _rank_starts(starts, take.points, take.step, track)
-    first = [adjust_frontier(own, take.points) for own in ranked]
-    found = [own for own in first if own is not None]
-    if starts and (not found or measure_worst_misfit(found[0], take.points) > _SURE):
-        lags = refine_lags(take.heights, starts[0][1], take.step)
-        grown = [
-            adjust_frontier(Adjusted(rig, late, None), take.points)
-            for rig, late in grow_rigs(take.cameras, lags, take.points, config, track)
-        ]
-        found += [own for own in grown if own is not None]
-        found = [
-            refine_until_converged(own, take.points, far=True)
-            for own in track(found, len(found), "best rigs")
-        ]
-        found.sort(key=lambda own: measure_worst_misfit(own, take.points))
-        if not found:
-            late = list_lags(take.cameras, lags - lags[0])
-            raise InputError(
-                "no arrangement of the cameras fits the silhouettes; frames late, to about half a "
-                f"frame, by the head's ups and downs: {late}; {FILM}"
-            )
+    core = choose_core(take.outlines)
+    ranked = _rank_starts(_search(take, core, config, track), take, core, track)
+    first = [adjust_frontier(rig, take.points) for rig in ranked]
+    found = [rig for rig in first if rig is not None]
     if not found:
         return None
+    if measure_worst_misfit(found[0], take.points) > _SURE:
+        found = [
+            refine_until_converged(rig, take.points, far=True)
+            for rig in track(found, len(found), "best rigs")
+        ]
+        found.sort(key=lambda rig: measure_worst_misfit(rig, take.points))
     best = _refine_finely(found[0], take.points, take.edges, take.find_up)
     for rival in [own for own in found[1:] if differ(own, best)][:1]:
         if fits_as_well(rival, best, take.points, rate, config):
@@ -171,27 +154,25 @@ def _find_rig(take: PersonTake, rate: float, config: PersonConfig, track: Track)
     return best
 
 
-def _add_others(
-    found: Adjusted, core: Sequence[int], take: PersonTake, config: PersonConfig, track: Track
-) -> Adjusted | None:
-    """Return the rig with the take's other cameras, too."""
-    addition = CameraAddition(found, core, take, config)
-    placed = dict(zip(core, zip(addition.rig, addition.lags, strict=True), strict=True))
-    others = [view for view in range(len(take.cameras)) if view not in placed]
-    added = track(map_in_threads(addition.add, others), len(others), "further cameras")
-    placed |= dict(zip(others, added, strict=True))
-    cameras, lags = zip(*(placed[view] for view in sorted(placed)), strict=True)
-    return adjust_frontier(Adjusted(CameraRig(cameras), np.array(lags), None), take.points, 8.0)
+def choose_core(outlines: Outlines) -> list[int]:
+    """Return the cameras by which arrangements are compared: those that see the whole person in
+    most pictures, the best first."""
+    whole = [sum(o is not None and not o.at_border.any() for o in camera) for camera in outlines]
+    return [int(view) for view in np.argsort(np.negative(whole), kind="stable")[:CORE]]
 
 
 def _search(
-    take: PersonTake, config: PersonConfig, track: Track
+    take: PersonTake, core: Sequence[int], config: PersonConfig, track: Track
 ) -> list[tuple[CameraRig, np.ndarray]]:
     """Return rigs and lags (V,) frames that may be right, the best first."""
     hulls, count = take.trace_hulls(), len(take.cameras)
     walkers = [[Walker.create(v, h) for v in own] for own, h in zip(take.views, hulls, strict=True)]
     angles = 2 * np.pi * np.arange(N_ANGLES) / N_ANGLES
-    pairs = list(combinations(range(count), 2))
+    pairs = [
+        pair
+        for pair in combinations(range(count), 2)
+        if {*pair} <= {*core} or {*pair} & {*core[:_ANCHORS]}
+    ]
 
     def compare(pair: tuple[int, int]) -> np.ndarray:
         a, b = pair
@@ -210,28 +191,39 @@ def _search(
 
 
 def _rank_starts(
-    starts: list[tuple[CameraRig, np.ndarray]], points: PersonPoints, step: int, track: Track
+    starts: list[tuple[CameraRig, np.ndarray]], take: PersonTake, core: Sequence[int], track: Track
 ) -> list[Adjusted]:
     """Return the start that fits best after adjustment, and the best other one."""
+    views, step = sorted(core), take.step
+    points = take.points.select(views)
+
+    def adjust(start: Adjusted, rounds: int) -> Adjusted | None:
+        return adjust_extremes(start.rig, start.lags, points, rounds, step)
+
+    def rank(rigs: Iterable[tuple[Adjusted | None, int]]) -> list[tuple[Adjusted, int]]:
+        known = [(rig, number) for rig, number in rigs if rig is not None]
+        return sorted(known, key=lambda entry: measure_misfit(entry[0], points, step))
+
+    def finish(rigs: Sequence[tuple[Adjusted, int]]) -> list[tuple[Adjusted, int]]:
+        return rank([(adjust(rig, SECOND), number) for rig, number in rigs])
+
     first = [
-        adjust_extremes(rig, lags, points, FIRST, step)
-        for rig, lags in track(starts, len(starts), "arrangements")
+        Adjusted(CameraRig(tuple(rig[view] for view in views)), lags[views], None)
+        for rig, lags in starts
     ]
-
-    def rank(rigs: Sequence[Adjusted | None]) -> list[Adjusted]:
-        found = [own for own in rigs if own is not None]
-        return sorted(found, key=lambda own: measure_misfit(own, points, step))
-
-    def finish(rigs: Sequence[Adjusted]) -> list[Adjusted]:
-        return rank([adjust_extremes(own.rig, own.lags, points, SECOND, step) for own in rigs])
-
-    found = rank(first)
+    numbered = track(enumerate(first), len(first), "arrangements")
+    found = rank([(adjust(rig, FIRST), number) for number, rig in numbered])
     ranked = finish(found[:_FINALISTS])
     if not ranked:
         return []
-    others = finish([own for own in found if differ(own, ranked[0])][:1])
-    rivals = rank([own for own in [*ranked, *others] if differ(own, ranked[0])])
-    return [ranked[0], *rivals[:1]]
+    best = ranked[0][0]
+    others = finish([entry for entry in found if differ(entry[0], best)][:1])
+    rivals = rank([entry for entry in [*ranked, *others] if differ(entry[0], best)])
+    chosen = [ranked[0], *rivals[:1]]
+    if len(views) == len(take.cameras):
+        return [rig for rig, _ in chosen]
+    whole = [adjust_extremes(*starts[k], take.points, FIRST + SECOND, step) for _, k in chosen]
+    return [rig for rig in whole if rig is not None]
 
 
 def _make_calibration(

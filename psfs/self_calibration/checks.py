@@ -18,28 +18,20 @@ from psfs.self_calibration.adjustment import (
     LAST_GATE,
     Adjusted,
     PersonPoints,
+    differ,
     measure_pairs,
     measure_turn,
     summarise_pairs,
 )
 from psfs.self_calibration.config import PersonConfig
-from psfs.self_calibration.growth import SAME_TURN
 from psfs.self_calibration.take import FILM
 
-#: Lags up to which two rigs are the same, frames.
-_SAME_LAG = 4.0
 #: Time after which silhouettes are no longer wrong alike, s: about a step.
 _INDEPENDENT = 0.5
 #: Median size of normal noise, in standard deviations.
 _MEDIAN = 0.6745
 #: Gate of the points by which the uncertainty is told, px: what is wrong alike is not left out.
 _GATE = 8.0
-
-
-def differ(first: Adjusted, second: Adjusted) -> bool:
-    """Return whether two rigs are different arrangements: farther apart than the search's steps."""
-    turn = measure_turn(first.rig.cameras, second.rig.cameras)
-    return turn > SAME_TURN or float(np.abs(first.lags - second.lags).max()) > _SAME_LAG
 
 
 def fits_as_well(

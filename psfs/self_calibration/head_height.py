@@ -3,9 +3,6 @@ cameras."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from itertools import combinations
-
 import numpy as np
 
 from psfs.common.numbers import smooth_locally
@@ -47,25 +44,6 @@ def compare_head_heights(a: np.ndarray, b: np.ndarray, most: int, step: int) -> 
     costs = np.where(np.isfinite(costs), costs, 1.0)
     around = np.lib.stride_tricks.sliding_window_view(costs, 2 * (step // 2) + 1)
     return around[::step].min(axis=1)
-
-
-def refine_lags(heights: Sequence[np.ndarray], lags: np.ndarray, reach: int) -> np.ndarray:
-    """Return the lags (V,) in whole frames, up to `reach` frames from given ones, at which the
-    cameras' ups and downs differ least."""
-    start = np.round(lags).astype(int)
-    found, most = start.copy(), int(np.abs(start[:, None] - start).max()) + 2 * reach
-    tables = {
-        (a, b): compare_head_heights(heights[a], heights[b], most, 1)
-        for a, b in combinations(range(len(heights)), 2)
-    }
-    for view in 3 * list(range(1, len(heights))):
-        costs = np.zeros(2 * reach + 1)
-        for (a, b), table in tables.items():
-            tried = found[None] + np.zeros((len(costs), 1), int)
-            tried[:, view] = start[view] + np.arange(-reach, reach + 1)
-            costs += table[tried[:, b] - tried[:, a] + most]
-        found[view] = start[view] + int(costs.argmin()) - reach
-    return found.astype(float)
 
 
 def _smooth(values: np.ndarray, window: int, degree: int) -> np.ndarray:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
 
 import numpy as np
 import scipy
@@ -35,8 +34,9 @@ Place = tuple[int, int, int]
 
 
 class ArrangementSearch:
-    """Costs of all pairs (a, b), a < b, of V cameras: (T, T, A, 2 most + 1) each, of T variants of
-    either camera, see `compare_pair`. What cannot be compared has the median of all costs."""
+    """Costs of pairs (a, b), a < b, of V cameras: (T, T, A, 2 most + 1) each, of T variants of
+    either camera, see `compare_pair`. What cannot be compared has the median of all costs. Every
+    camera has pairs with some that have pairs with camera 0."""
 
     def __init__(self, tables: Mapping[tuple[int, int], np.ndarray], n_cameras: int) -> None:
         known = np.concatenate([table[np.isfinite(table)] for table in tables.values()])
@@ -57,28 +57,35 @@ class ArrangementSearch:
         Cameras are placed one after another, each at several places where it fits those before it
         best; the best partial arrangements are kept (beam search).
         """
-        variants = range(self._tables[0, 1].shape[0])
+        variants = range(next(iter(self._tables.values())).shape[0])
         beam: list[tuple[float, dict[int, Place]]] = [(0.0, {0: (own, 0, 0)}) for own in variants]
         for _ in range(1, self.n_cameras):
             view = self._choose_next(beam)
             grown = []
             for cost, places in beam:
-                for more, place in self.best_places(view, places):
+                for more, place in self._best_places(view, places):
                     grown.append((cost + more, {**places, view: place}))
             grown.sort(key=lambda of: of[0])
             beam = self._keep_different(grown)
-        return [self.describe(places) for _, places in beam[:count]]
+        return [self._describe(places) for _, places in beam[:count]]
 
     def _choose_next(self, beam: list[tuple[float, dict[int, Place]]]) -> int:
         """Return the camera whose place is clearest."""
         places = beam[0][1]
-        left = [view for view in range(self.n_cameras) if view not in places]
-        return min(left, key=lambda view: float(self._costs(view, places).min()))
+        compared = {
+            view: [other for other in places if (other, view) in self._tables]
+            for view in range(self.n_cameras)
+            if view not in places
+        }
+        left = [view for view, others in compared.items() if others]
+        return min(left, key=lambda v: float(self._costs(v, places).min()) / len(compared[v]))
 
     def _costs(self, view: int, places: Mapping[int, Place]) -> np.ndarray:
         """Return the costs (T, A, L) of a camera with those that are placed, summed."""
-        total = np.zeros(self._tables[next(iter(places)), view].shape[1:])
+        total = np.zeros(next(iter(self._tables.values())).shape[1:])
         for other, (variant, angle, lag) in places.items():
+            if (other, view) not in self._tables:
+                continue
             table = np.roll(self._tables[other, view][variant], angle, axis=1)
             shifted = np.full_like(table, self.neutral)
             low, high = max(0, lag), min(table.shape[2], table.shape[2] + lag)
@@ -87,7 +94,7 @@ class ArrangementSearch:
             total += shifted
         return total
 
-    def best_places(self, view: int, places: Mapping[int, Place]) -> list[tuple[float, Place]]:
+    def _best_places(self, view: int, places: Mapping[int, Place]) -> list[tuple[float, Place]]:
         """Return the costs and places of the best local minima of `_costs`."""
         costs = self._costs(view, places)
         best = costs.min(axis=0)
@@ -119,10 +126,10 @@ class ArrangementSearch:
                 break
         return kept
 
-    def describe(self, places: Mapping[int, Place]) -> Arrangement:
+    def _describe(self, places: Mapping[int, Place]) -> Arrangement:
         """Return the arrangement of all cameras."""
-        total = 0.0
-        for a, b in combinations(range(self.n_cameras), 2):
+        total, pairs = 0.0, [(a, b) for a, b in self._tables if a < b]
+        for a, b in pairs:
             angle = (places[b][1] - places[a][1]) % self.n_angles
             lag = places[b][2] - places[a][2] + self.most
             inside = 0 <= lag <= 2 * self.most
@@ -133,7 +140,7 @@ class ArrangementSearch:
             tuple(places[view][0] for view in views),
             tuple((places[view][1] - first[1]) % self.n_angles for view in views),
             tuple(places[view][2] - first[2] for view in views),
-            total / (self.n_cameras * (self.n_cameras - 1) / 2),
+            total / len(pairs),
         )
 
 

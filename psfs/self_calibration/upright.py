@@ -115,10 +115,17 @@ def _make_view(hulls: HullRays, ends: _Ends, tilt: float, roll: float) -> Uprigh
 
 
 class _Ends:
-    """Rays of the contours, thinned out, for the places of head and feet."""
+    """Rays of the hulls' corners and of the contours, thinned out, for the places of head and feet.
+
+    The contour is the largest part's, and a collar may cut off the head; the hull has all parts.
+    """
 
     def __init__(self, camera: Camera, outlines: Sequence[Outline | None]) -> None:
-        found = [(n, of.contour[::4]) for n, of in enumerate(outlines) if of is not None]
+        found = [
+            (n, np.concatenate([outline.points, outline.contour[::4]]))
+            for n, outline in enumerate(outlines)
+            if outline is not None
+        ]
         pixels = np.concatenate([of for _, of in found] or [np.zeros((0, 2))])
         self.rays = camera.rays(pixels) @ camera.R.T if len(pixels) else np.zeros((0, 3))
         self.frames = np.repeat([n for n, _ in found], [len(of) for _, of in found]).astype(int)
