@@ -1,7 +1,7 @@
 """Cameras, times and floor from the silhouettes of somebody who walks about.
 
 Each camera tells its tilt and height, and the person's places, by itself (`upright`); angles and
-lags are searched in tables of all pairs (`pairing`, `head_height`, `search`); the best ones are
+lags are searched in tables of all pairs (`pairing`, `search`); the best ones are
 adjusted, and the best of these is adjusted to all frontier points (`adjustment`) until it stays. Of
 a large rig all cameras are compared with some, and arrangements by some. What cannot be trusted is
 refused (`checks`).
@@ -44,7 +44,6 @@ from psfs.self_calibration.checks import (
     measure_worst_misfit,
 )
 from psfs.self_calibration.config import PersonConfig
-from psfs.self_calibration.head_height import compare_head_heights
 from psfs.self_calibration.pairing import Walker, compare_pair
 from psfs.self_calibration.room_edges import find_room_edges
 from psfs.self_calibration.search import N_ANGLES, ArrangementSearch, place_cameras
@@ -52,7 +51,7 @@ from psfs.self_calibration.take import Outlines, PersonTake, check_seen
 from psfs.self_calibration.world import align_to_person, level_rig, measure_path
 
 #: Arrangements from the search that are adjusted, and those of these that are adjusted further.
-_CANDIDATES, _FINALISTS = 40, 3
+_CANDIDATES, _FINALISTS = 12, 3
 #: Misfit of the worst camera above which rivals are adjusted until they stay, too, px.
 _SURE = 0.7
 #: Most cameras by which arrangements are compared, and number of these with which all others are.
@@ -177,8 +176,7 @@ def _search(
     def compare(pair: tuple[int, int]) -> np.ndarray:
         a, b = pair
         costs = [[compare_pair(x, y, angles, take.most) for y in walkers[b]] for x in walkers[a]]
-        heights = take.heights[a], take.heights[b]
-        return np.array(costs) + compare_head_heights(*heights, take.most, take.step)
+        return np.array(costs)
 
     found = track(map_in_threads(compare, pairs), len(pairs), "pairs of cameras")
     tables, starts = dict(zip(pairs, found, strict=True)), []

@@ -14,7 +14,6 @@ from psfs.diagnostics.hulls import HullRays
 from psfs.diagnostics.small_views import Outline
 from psfs.self_calibration.adjustment import LEAST_SHARED, PersonPoints
 from psfs.self_calibration.config import PersonConfig
-from psfs.self_calibration.head_height import measure_head_height
 from psfs.self_calibration.upright import UprightView, fit_upright
 
 Outlines = Sequence[Sequence[Outline | None]]
@@ -36,15 +35,14 @@ class PersonTake:
 
     cameras: small, with the intrinsics that are kept. outlines: [view][frame]. points: their
     tangent points. views: of every camera its tilt and height at several tilts, in every `step`-th
-    frame. heights: (V, F) the head's ups and downs. edges: (N, 2, 2) px each, the straight edges of
-    the empty room. most: the greatest lag in steps.
+    frame. edges: (N, 2, 2) px each, the straight edges of the empty room. most: the greatest lag in
+    steps.
     """
 
     cameras: Sequence[Camera]
     outlines: Outlines
     points: PersonPoints
     views: Sequence[list[UprightView]]
-    heights: Sequence[np.ndarray]
     edges: Sequence[np.ndarray]
     step: int
     most: int
@@ -60,12 +58,8 @@ class PersonTake:
         step = max(1, round(rate / TABLE_RATE))
         points = PersonPoints(cameras, outlines, config)
         views = _fit_views(cameras, outlines, step)
-        heights = [
-            measure_head_height(hulls, own[0], rate)
-            for hulls, own in zip(points.hulls, views, strict=True)
-        ]
         most = int(np.ceil(config.longest_lag * rate / step))
-        return cls(cameras, outlines, points, views, heights, edges, step, most)
+        return cls(cameras, outlines, points, views, edges, step, most)
 
     def find_up(self, rig: CameraRig) -> np.ndarray:
         """Return the mean of what the cameras of a rig tell of up (3,)."""
@@ -79,7 +73,6 @@ class PersonTake:
             [self.outlines[view] for view in views],
             self.points.select(views),
             [self.views[view] for view in views],
-            [self.heights[view] for view in views],
             [self.edges[view] for view in views],
             self.step,
             self.most,

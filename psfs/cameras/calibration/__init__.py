@@ -6,7 +6,6 @@ from dataclasses import replace
 from pathlib import Path
 
 from cl import InputError, MissingFileError
-from psfs.cameras.calibration.camera_files import SUFFIXES, read_camera_files
 from psfs.cameras.calibration.colmap import read_colmap
 from psfs.cameras.calibration.common import (
     LEFT_HANDED,
@@ -21,7 +20,9 @@ from psfs.cameras.calibration.filestorage import read_easymocap, read_filestorag
 from psfs.cameras.calibration.layouts import read_layout
 from psfs.cameras.calibration.matlab import read_matlab
 from psfs.cameras.calibration.number_lists import (
+    SUFFIXES,
     looks_like_surrey,
+    read_camera_files,
     read_humaneva,
     read_middlebury,
     read_surrey,

@@ -181,23 +181,6 @@ def build_rig(
     return convert_to_metres(CameraRig(tuple(camera(*pair) for pair in pairs)), unit, default)
 
 
-def build_rig_of_files(
-    paths: Sequence[Path],
-    sizes: Sizes,
-    camera: Callable[[Path, Size], Camera],
-    unit: Unit | None,
-    default: Unit,
-) -> Calibration:
-    """Build a rig in metres from the cameras that `camera(path, size)` returns, one per file and
-    named after it. Errors name the file."""
-    cameras = []
-    for path, size in zip(paths, find_sizes([path.stem for path in paths], sizes), strict=True):
-        with name_file_in_errors(path):
-            cameras.append(camera(path, size))
-    with name_file_in_errors(paths[0].parent):
-        return convert_to_metres(CameraRig(tuple(cameras)), unit, default)
-
-
 def read_attributes(
     camera: ElementTree.Element, tag: str, names: Sequence[str], name: str
 ) -> np.ndarray:

@@ -111,6 +111,8 @@ LAYOUTS = (
 )  # fmt: skip
 
 
+#: Of records that readers of plain numbers make, in the order of the file.
+PLAIN = Layout("", "K", ("distortion",), "R", "t")
 #: Most keys that an error shows.
 _SHOWN = 12
 
@@ -139,10 +141,10 @@ def read_layout(paths: Sequence[Path], unit: Unit | None, sizes: Sizes) -> Calib
         )
     if not layouts:
         return None
+    if len(paths) == 1 and list(records) == [""]:
+        records = {_name_camera(paths[0], layouts): records[""]}
     with name_file_in_errors(paths[0] if len(paths) == 1 else paths[0].parent):
-        if len(paths) == 1 and list(records) == [""]:
-            records = {_name_camera(paths[0], layouts): records[""]}
-        return _build(layouts[0], records, unit, sizes)
+        return build(layouts[0], records, unit, sizes)
 
 
 def _name_camera(path: Path, layouts: Sequence[Layout]) -> str:
@@ -150,9 +152,10 @@ def _name_camera(path: Path, layouts: Sequence[Layout]) -> str:
     return match[1] if match else path.stem
 
 
-def _build(
+def build(
     layout: Layout, records: Mapping[str, Record], unit: Unit | None, sizes: Sizes
 ) -> Calibration:
+    """Return the rig of cameras' records by name. Raises InputError naming camera and key."""
     if len(records) > MOST_CAMERAS:
         raise InputError(f"{len(records)} cameras; expected at most {MOST_CAMERAS}")
     measured = {} if layout.size else dict(zip(records, find_sizes([*records], sizes), strict=True))
@@ -163,7 +166,8 @@ def _build(
             pose = before = pose @ before
         size = measured[name] if name in measured else _read_size(layout, record, name)
         cameras.append(_make_camera(layout, name, record, pose, size))
-    cameras.sort(key=lambda camera: natural_key(camera.name))
+    if layout.program:
+        cameras.sort(key=lambda camera: natural_key(camera.name))
     return convert_to_metres(CameraRig(tuple(cameras)), unit, layout.unit)
 
 
@@ -184,7 +188,10 @@ def _make_camera(layout: Layout, name: str, record: Record, pose: np.ndarray, si
         raise InputError(f"camera {name}: the lens is {record.get(key)}; expected {lenses}")
     R = parse_rotation(pose[:3, :3], f"camera {name}: rotation")
     bent = bool(key) and record.get(key) in fisheye
-    return Camera(name, K, distortion[: 4 if bent else None], R, pose[:3, 3], size, fisheye=bent)
+    kappa = float(record.get("kappa", 0.0)) if layout is PLAIN else 0.0
+    return Camera(
+        name, K, distortion[: 4 if bent else None], R, pose[:3, 3], size, kappa=kappa, fisheye=bent
+    )
 
 
 def _read_pose(layout: Layout, record: Record, what: str) -> np.ndarray:

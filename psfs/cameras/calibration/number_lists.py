@@ -1,72 +1,128 @@
-"""Read calibrations that are lists of numbers: HumanEva, Middlebury, Surrey.
+"""Read calibrations that are lists of numbers.
 
-Read the `.cal` files of HumanEva and bodytrack: one camera per file, one number after another.
+HumanEva and bodytrack (`.cal`), a file per camera: fc(2) cc(2) alpha kc(5 = k1 k2 p1 p2 k3) R
+row-major(9) T(3), mm, x_cam = R X + T; further numbers are ignored.
 
-fc(2) cc(2) alpha kc(5 = k1 k2 p1 p2 k3) R row-major(9) T(3), mm, x_cam = R X + T; further numbers
-are ignored.
+Middlebury's multi-view `*_par.txt`: the number of views; each further line has the image's name, K
+(9, row-major), R (9) and t (3), with P = K [R t].
 
-Read Middlebury's multi-view `*_par.txt`.
+Surrey (SurfCap, CVSSP3D): the numbers of cameras and of distortion coefficients; then for each
+camera its first and last row, first and last column, `fx fy cx cy`, the coefficients k1, k2, ..., R
+by rows (9) and t (3), with x_cam = R x + t.
 
-The first line is the number of views; each further line has the image's name, K (9, row-major), R
-(9) and t (3), with P = K [R t].
-
-Read Surrey's list of cameras (SurfCap, CVSSP3D).
-
-The numbers of cameras and of distortion coefficients; then for each camera its first and last row,
-first and last column, `fx fy cx cy`, the coefficients k1, k2, ..., R by rows (9) and t (3), with
-x_cam = R x + t. Numbers are separated by any white space.
+A file per camera or per image (`.txt`, `.pa`, `.krt`, `.krtd`, `.cam`): K (9), R (9), t (3) and
+optionally the distortion; or K (9) and [R | t] (3x4 or 4x4); or a projection matrix (3x4). Leading
+words (`CONTOUR`) and comments after `#` are ignored.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from cl import InputError
 from psfs.cameras.calibration.common import (
     Calibration,
-    Size,
     Sizes,
-    build_rig,
-    build_rig_of_files,
     check_whole_size,
-    convert_to_metres,
     name_file_in_errors,
     parse_numbers,
-    parse_rotation,
     read_text,
 )
-from psfs.cameras.camera import MOST_CAMERAS, Camera, CameraRig
+from psfs.cameras.calibration.layouts import PLAIN, Layout, build
+from psfs.cameras.calibration.projections import mirror_if_facing_away, split_projection
+from psfs.cameras.camera import MOST_CAMERAS
 from psfs.cameras.units import Unit
 
-_HUMANEVA_COUNT = 22
+#: Endings of files of one camera each.
+SUFFIXES = (".pa", ".krt", ".krtd", ".cam", ".txt", ".p")
+#: Numbers of a camera of HumanEva, and of Middlebury.
+_HUMANEVA, _MIDDLEBURY = 22, 21
+_WANTED = "expected K R t (21 numbers), K and [R | t] (21 or 25), or a 3x4 matrix (12)"
+
+
+def read_files(
+    paths: Sequence[Path], parse: Callable[[Path], dict[str, Any]], layout: Layout,
+    unit: Unit | None, sizes: Sizes,
+) -> Calibration:  # fmt: skip
+    """Read one camera per path, named after the file."""
+    records = {}
+    for path in paths:
+        with name_file_in_errors(path):
+            records[path.stem] = parse(path)
+    with name_file_in_errors(paths[0] if len(paths) == 1 else paths[0].parent):
+        if len(records) < len(paths):
+            raise InputError("camera names must differ; found the same name twice")
+        return build(layout, records, unit, sizes)
 
 
 def read_humaneva(paths: Sequence[Path], unit: Unit | None, sizes: Sizes) -> Calibration:
     """Read one camera per path, named after the file. Millimetres unless `unit` says otherwise."""
-    return build_rig_of_files(paths, sizes, _camera_humaneva, unit, default="mm")
+    return read_files(paths, _parse_humaneva, replace(PLAIN, unit="mm"), unit, sizes)
 
 
-def _camera_humaneva(path: Path, size: Size) -> Camera:
+def _parse_humaneva(path: Path) -> dict[str, Any]:
     values = parse_numbers(read_text(path).replace(",", " ").split(), "HumanEva calibration")
-    if values.size < _HUMANEVA_COUNT:
-        raise InputError(f"{values.size} numbers; expected at least {_HUMANEVA_COUNT} (HumanEva)")
+    if values.size < _HUMANEVA:
+        raise InputError(f"{values.size} numbers; expected at least {_HUMANEVA} (HumanEva)")
     fx, fy, cx, cy, alpha = values[:5]
-    if not np.isfinite(values[:_HUMANEVA_COUNT]).all():
-        raise InputError("holds a number that is not finite; expected HumanEva calibration")
-    return Camera(
-        name=path.stem,
-        K=np.array([[fx, alpha * fx, cx], [0, fy, cy], [0, 0, 1]]),
-        distortion=values[5:10],
-        R=parse_rotation(values[10:19], f"camera {path.stem}: R"),
-        t=values[19:22],
-        size=size,
-    )
+    K = [fx, alpha * fx, cx, 0, fy, cy, 0, 0, 1]
+    return {"K": K, "distortion": values[5:10], "R": values[10:19], "t": values[19:_HUMANEVA]}
 
 
-_MIDDLEBURY_NUMBERS = 21
+def read_camera_files(paths: Sequence[Path], unit: Unit | None, sizes: Sizes) -> Calibration:
+    """Read one camera per path, named after the file. Metres unless `unit` says otherwise."""
+    counts: list[int] = []
+
+    def parse(path: Path) -> dict[str, Any]:
+        values = _read_numbers(path)
+        counts.append(values.size)
+        return _split_numbers(values)
+
+    rig = read_files(paths, parse, PLAIN, unit, sizes)
+    return mirror_if_facing_away(rig) if set(counts) == {12} else rig
+
+
+def _split_numbers(values: np.ndarray) -> dict[str, Any]:
+    """Return what 12, 21, 25 or more numbers are. Raises InputError for other counts."""
+    count = values.size
+    if count == 12:
+        K, R, t = split_projection(values.reshape(3, 4))
+        return {"K": K, "distortion": [], "R": R, "t": t}
+    if count not in (21, 25) and not 23 <= count <= 21 + 14:
+        raise InputError(f"{count} numbers; {_WANTED}")
+    K, rest = values[:9].reshape(3, 3), values[9:]
+    if abs(K[2]).max() == 0:
+        raise InputError(f"the last row of K is zero; {_WANTED}")
+    distortion = np.zeros(0)
+    joint = rest[:12].reshape(3, 4)
+    homogeneous = count == 25 and np.allclose(rest[12:], [0, 0, 0, 1])
+    rotation = np.abs(joint[:, :3] @ joint[:, :3].T - np.eye(3)).max() < 1e-3
+    if not homogeneous and not (count == 21 and rotation):
+        joint = np.column_stack([rest[:9].reshape(3, 3), rest[9:12]])
+        distortion = rest[12:]
+    return {"K": K / K[2, 2], "distortion": distortion, "R": joint[:, :3], "t": joint[:, 3]}
+
+
+def _read_numbers(path: Path) -> np.ndarray:
+    """Read all numbers (N,) of a file, after leading words."""
+    lines = [line.split("#")[0].replace(",", " ").split() for line in read_text(path).splitlines()]
+    words = [word.strip("[];") for line in lines for word in line]
+    while words and not _is_number(words[0]):
+        words.pop(0)
+    return parse_numbers([word for word in words if word], "a camera")
+
+
+def _is_number(word: str) -> bool:
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return True
 
 
 def read_middlebury(path: Path, unit: Unit | None, sizes: Sizes) -> Calibration:
@@ -79,25 +135,14 @@ def read_middlebury(path: Path, unit: Unit | None, sizes: Sizes) -> Calibration:
         promised = " ".join(lines.pop(0)) if lines else "nothing"
         if promised != str(len(lines)):
             raise InputError(f"{len(lines)} views; the first line promises {promised}")
-        names = [Path(words[0]).stem for words in lines]
-        of_view = dict(zip(names, lines, strict=True))
-        return build_rig(
-            names, sizes, lambda n, size: _camera_middlebury(n, of_view[n][1:], size), unit, "m"
-        )
-
-
-def _camera_middlebury(name: str, words: list[str], size: Size) -> Camera:
-    if len(words) != _MIDDLEBURY_NUMBERS:
-        raise InputError(f"view {name}: {len(words)} numbers; expected {_MIDDLEBURY_NUMBERS}")
-    values = parse_numbers(words, f"view {name}")
-    return Camera(
-        name=name,
-        K=values[:9] / values[8],
-        distortion=values[:0],
-        R=parse_rotation(values[9:18], f"view {name}: R"),
-        t=values[18:],
-        size=size,
-    )
+        records = {}
+        for name, *words in lines:
+            view = Path(name).stem
+            if len(words) != _MIDDLEBURY:
+                raise InputError(f"view {view}: {len(words)} numbers; expected {_MIDDLEBURY}")
+            K, R, t = np.split(parse_numbers(words, f"view {view}"), [9, 18])
+            records[view] = {"K": K / K[8], "distortion": [], "R": R, "t": t}
+        return build(PLAIN, records, unit, sizes)
 
 
 def looks_like_surrey(text: str) -> bool:
@@ -124,26 +169,22 @@ def read_surrey(path: Path, unit: Unit | None) -> Calibration:
                 f"cameras with {order} coefficients"
             )
         rows = values[2:].reshape(int(values[0]), 20 + order)
-        cameras = [
-            _camera_surrey(f"cam{index:02d}", row, order) for index, row in enumerate(rows, 1)
-        ]
-        return convert_to_metres(CameraRig(tuple(cameras)), unit, default="m")
+        records = {
+            f"cam{index:02d}": _split_surrey(f"cam{index:02d}", row)
+            for index, row in enumerate(rows, 1)
+        }
+        return build(replace(PLAIN, size=("size",)), records, unit, None)
 
 
-def _camera_surrey(name: str, row: np.ndarray, order: int) -> Camera:
-    first_row, last_row, first_column, last_column, fx, fy, cx, cy = row[:8]
-    if first_row or first_column:
-        raise InputError(f"{name}: the picture begins at {first_column:g}, {first_row:g}, not 0, 0")
-    k = np.zeros(5)
-    radial = row[8 : 8 + order]
-    if order > 3 and radial[3:].any():
-        raise InputError(f"{name}: {order} radial coefficients; expected at most 3")
-    k[[0, 1, 4][: min(order, 3)]] = radial[:3]
-    return Camera(
-        name=name,
-        K=np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]]),
-        distortion=k,
-        R=parse_rotation(row[8 + order : 17 + order], f"{name}: R"),
-        t=row[17 + order :],
-        size=check_whole_size(last_column + 1, last_row + 1, f"{name}: the picture"),
+def _split_surrey(name: str, row: np.ndarray) -> dict[str, Any]:
+    (top, last_row, left, last_column), (fx, fy, cx, cy), radial, R, t = np.split(
+        row, [4, 8, len(row) - 12, len(row) - 3]
     )
+    if top or left:
+        raise InputError(f"{name}: the picture begins at {left:g}, {top:g}, not 0, 0")
+    if radial[3:].any():
+        raise InputError(f"{name}: {len(radial)} radial coefficients; expected at most 3")
+    k1, k2, k3 = np.append(radial, np.zeros(3))[:3]
+    size = check_whole_size(last_column + 1, last_row + 1, f"{name}: the picture")
+    K = [fx, 0, cx, 0, fy, cy, 0, 0, 1]
+    return {"K": K, "distortion": [k1, k2, 0, 0, k3], "R": R, "t": t, "size": size}

@@ -100,19 +100,28 @@ def _is_possible_camera(P: np.ndarray) -> bool:
 
 
 def decompose_projection(name: str, P: np.ndarray, size: Size) -> Camera:
-    """Decompose P ~ K [R t], known up to scale, into a camera by RQ decomposition of P[:, :3].
+    """Return the camera with the projection matrix P (3, 4). Raises InputError naming it."""
+    try:
+        K, R, t = split_projection(P)
+    except InputError as error:
+        raise InputError(f"camera {name}: {error}") from None
+    return Camera(name, K, np.zeros(5), R, t, size)
+
+
+def split_projection(P: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return K, R, t of P ~ K [R t], known up to scale, by RQ decomposition of P[:, :3].
 
     P and -P are the same projection, so the signs are chosen such that K has a positive diagonal
     and det R = +1.
     """
     if not np.isfinite(P).all():
-        raise InputError(f"camera {name}: the matrix holds a number that is not finite")
+        raise InputError("the matrix holds a number that is not finite")
     determinant = np.linalg.det(P[:, :3])
     if abs(determinant) < 1e-12 * np.linalg.norm(P[:, :3]) ** 3:
-        raise InputError(f"camera {name}: the matrix is singular; expected a finite camera")
+        raise InputError("the matrix is singular; expected a finite camera")
     P = P * np.sign(determinant)
     K, R = scipy.linalg.rq(P[:, :3])
     signs = np.sign(np.diag(K))
     K, R = K * signs, signs[:, None] * R
     t = np.linalg.solve(K, P[:, 3])
-    return Camera(name, K / K[2, 2], np.zeros(5), R, t, size)
+    return K / K[2, 2], R, t

@@ -16,6 +16,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import scipy
@@ -23,13 +24,12 @@ import scipy
 from cl import InputError
 from psfs.cameras.calibration.common import (
     Calibration,
-    Size,
     Sizes,
-    build_rig_of_files,
     parse_numbers,
     read_text,
 )
-from psfs.cameras.camera import Camera
+from psfs.cameras.calibration.layouts import PLAIN
+from psfs.cameras.calibration.number_lists import read_files
 from psfs.cameras.units import Unit
 
 SUFFIXES = (".cpar", ".tsai")
@@ -56,7 +56,7 @@ def looks_like_tsai(text: str) -> bool:
 
 def read_tsai(paths: Sequence[Path], unit: Unit | None, sizes: Sizes) -> Calibration:
     """Read one camera per path, named after the file. Millimetres unless `unit` says otherwise."""
-    return build_rig_of_files(paths, sizes, _read_camera, unit, default="mm")
+    return read_files(paths, _parse_camera, PLAIN, unit or "mm", sizes)
 
 
 def _parse_parameters(text: str) -> Mapping[str, float]:
@@ -86,22 +86,16 @@ def _parse_parameters(text: str) -> Mapping[str, float]:
     return values
 
 
-def _read_camera(path: Path, size: Size) -> Camera:
-    name, values = path.stem, _parse_parameters(read_text(path))
+def _parse_camera(path: Path) -> dict[str, Any]:
+    values = _parse_parameters(read_text(path))
     f, dpx, dpy, sx = (values[key] for key in ("f", "dpx", "dpy", "sx"))
     if not (f > 0 and dpx > 0 and dpy > 0 and sx > 0):
-        raise InputError(
-            f"camera {name}: f {f:g}, dpx {dpx:g}, dpy {dpy:g}, sx {sx:g}; "
-            "expected positive numbers"
-        )
-    return Camera(
-        name=name,
-        K=np.array([[sx * f / dpx, 0, values["cx"]], [0, f / dpy, values["cy"]], [0, 0, 1]]),
-        distortion=np.zeros(5),
-        R=scipy.spatial.transform.Rotation.from_euler(
-            "xyz", [values[key] for key in ("rx", "ry", "rz")]
-        ).as_matrix(),
-        t=np.array([values["tx"], values["ty"], values["tz"]]),
-        size=size,
-        kappa=values["kappa1"] * f**2,
-    )
+        raise InputError(f"f {f:g}, dpx {dpx:g}, dpy {dpy:g}, sx {sx:g}; expected positive numbers")
+    angles = [values[key] for key in ("rx", "ry", "rz")]
+    return {
+        "K": [sx * f / dpx, 0, values["cx"], 0, f / dpy, values["cy"], 0, 0, 1],
+        "distortion": [],
+        "R": scipy.spatial.transform.Rotation.from_euler("xyz", angles).as_matrix(),
+        "t": [values["tx"], values["ty"], values["tz"]],
+        "kappa": values["kappa1"] * f**2,
+    }
