@@ -1,7 +1,7 @@
 """Cameras, times and floor from the silhouettes of somebody who walks about.
 
 Each camera tells its tilt and height, and the person's places, by itself (`upright`); angles and
-lags are searched in tables of all pairs (`pairing`, `search`); the best ones are
+lags are searched in tables of all pairs (`search`); the best ones are
 adjusted, and the best of these is adjusted to all frontier points (`adjustment`) until it stays. Of
 a large rig all cameras are compared with some, and arrangements by some. What cannot be trusted is
 refused (`checks`).
@@ -44,9 +44,14 @@ from psfs.self_calibration.checks import (
     measure_worst_misfit,
 )
 from psfs.self_calibration.config import PersonConfig
-from psfs.self_calibration.pairing import Walker, compare_pair
 from psfs.self_calibration.room_edges import find_room_edges
-from psfs.self_calibration.search import N_ANGLES, ArrangementSearch, place_cameras
+from psfs.self_calibration.search import (
+    N_ANGLES,
+    ArrangementSearch,
+    Walker,
+    compare_pair,
+    place_cameras,
+)
 from psfs.self_calibration.take import Outlines, PersonTake, check_seen
 from psfs.self_calibration.world import align_to_person, level_rig, measure_path
 

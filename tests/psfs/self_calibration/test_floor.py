@@ -7,7 +7,7 @@ import pytest
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.diagnostics.frontier import SilhouetteContours
 from psfs.diagnostics.small_views import extract_outline
-from psfs.self_calibration.floor import measure_floor
+from psfs.self_calibration.world import measure_floor
 
 
 def make_rig():
