@@ -5,6 +5,9 @@ The message is one line that names what was found and what was expected.
 
 from __future__ import annotations
 
+import contextlib
+import json
+from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING
 
@@ -30,6 +33,25 @@ class MissingFileError(InputError, FileNotFoundError):
 
 class DeviceError(UserError, RuntimeError):
     """Error of an OpenCL device that is missing, broken or too small."""
+
+
+def pip_command(extra: str) -> str:
+    """Return the command that installs an `extra` of this package from where it was installed: a
+    clone of the repository, or an index of packages."""
+    clone = Path(__file__).parents[1]
+    source = "psfs-apf"
+    if (clone / "pyproject.toml").is_file():
+        source = "." if clone == Path.cwd() else str(clone)
+    else:
+        from importlib import metadata  # takes 20 ms
+
+        with contextlib.suppress(Exception):  # an installer that writes no such file
+            text = metadata.distribution("psfs-apf").read_text("direct_url.json") or "{}"
+            if url := json.loads(text).get("url"):
+                source = url.removeprefix("file://") if url.startswith("file://") else f"git+{url}"
+    if source.startswith("git+"):
+        return f"pip install 'psfs-apf[{extra}] @ {source}'"
+    return f"pip install '{source}[{extra}]'"
 
 
 class raise_device_errors:

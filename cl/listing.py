@@ -10,6 +10,7 @@ from typing import Any
 
 import pyopencl
 
+from cl.errors import pip_command
 from cl.folders import replace_unwritable_caches
 from cl.probe import Probe, probe
 from cl.vendors import register_packaged_drivers
@@ -84,8 +85,9 @@ def where_to_get_opencl(system: str = sys.platform) -> str:
             "from conda-forge"
         )
     return (
-        f"{gpu}; for the CPU install pocl-binary-distribution or the extra psfs-apf[intel] with "
-        "pip, on other processors than x86-64 the system's package pocl-opencl-icd"
+        f"{gpu}; for the CPU install pocl-binary-distribution with pip, or "
+        f"{pip_command('intel')}; on other processors than x86-64 the system's package "
+        "pocl-opencl-icd"
     )
 
 

@@ -28,6 +28,7 @@ import numpy as np
 import pyopencl
 
 from cl import pocl_wheel
+from cl.errors import pip_command
 from cl.folders import cache_folder, write_whole
 from cl.program import build_options, build_program, kernel_source
 from cl.vendors import register_packaged_drivers
@@ -109,8 +110,8 @@ def _try(handle: Any) -> Probe:
             log.info("PoCL's wheel fails (%s); compiling for %s works", found.fault, fitting)
             return mended
     return Probe(
-        f"{found.fault}; the wheel pocl-binary-distribution does not know this processor: install "
-        "the extra psfs-apf[intel], or the system's PoCL (Debian: pocl-opencl-icd)"
+        f"{found.fault}; the wheel pocl-binary-distribution does not know this processor: "
+        f"{pip_command('intel')}, or install the system's PoCL (Debian: pocl-opencl-icd)"
     )
 
 

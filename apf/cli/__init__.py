@@ -10,10 +10,10 @@ def main(argv: list[str] | None = None) -> int:
     code."""
 
     def run() -> int:
-        from apf.cli.commands import COMMANDS
+        from apf.cli.commands import COMMANDS, EXAMPLE
         from psfs.cli.program import run_program
 
         description = "A skeleton per frame from synchronised calibrated views."
-        return run_program("apf", description, COMMANDS, argv)
+        return run_program("apf", description, COMMANDS, argv, EXAMPLE)
 
     return start_program("apf", run)

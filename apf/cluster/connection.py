@@ -16,6 +16,7 @@ from apf.cluster.pool import Outcome, Pool, Task
 from apf.cluster.task_side import Progress, run_task, stop
 from apf.cluster.workers import set_up_worker
 from cl import InputError
+from cl.errors import pip_command
 from psfs.common.files import read_json
 from psfs.common.schema import Table, parse_values
 from psfs.common.system import versions
@@ -41,7 +42,7 @@ def import_distributed() -> ModuleType:
     except ImportError:
         raise InputError(
             "--scheduler needs dask.distributed, which is not installed; expected: "
-            "pip install psfs-apf[cluster]"
+            f"{pip_command('cluster')}"
         ) from None
     # Dask logs every worker that joins or leaves; the tasks' outcomes report what matters.
     # Loggers of its modules have levels of their own.

@@ -14,8 +14,9 @@ from typing import Any
 import numpy as np
 
 from cl import InputError
+from cl.errors import pip_command
 
-_EXTRA = "pip install 'psfs-apf[keypoints]'"
+_EXTRA = pip_command("keypoints")
 
 
 def check_network() -> None:

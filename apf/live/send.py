@@ -24,6 +24,7 @@ from apf.body.model import BodyModel
 from apf.filters.base import Estimate
 from apf.formats.skeleton import build_skeleton
 from cl import InputError
+from cl.errors import pip_command
 
 #: Where each kind is sent to, or served, without a stated host and port.
 PORTS = {"vmc": 39539, "osc": 9000, "websocket": 8765, "lsl": 0}
@@ -93,7 +94,7 @@ def open_senders(texts: Sequence[str], bodies: Sequence[BodyModel]) -> Iterator[
             except ImportError as error:
                 raise InputError(
                     f"--send {target.kind} needs {error.name}, which is not installed; expected: "
-                    "pip install psfs-apf[send]"
+                    f"{pip_command('send')}"
                 ) from None
             except OSError as error:
                 where = f"{target.host}:{target.port}"

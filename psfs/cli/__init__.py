@@ -27,10 +27,10 @@ def main(argv: list[str] | None = None) -> int:
     """Run the command with these arguments, the process's own by default; return its exit code."""
 
     def run() -> int:
-        from psfs.cli.commands import COMMANDS
+        from psfs.cli.commands import COMMANDS, EXAMPLE
         from psfs.cli.program import run_program
 
         description = "Probabilistic shape from silhouette: calibrated views to voxels."
-        return run_program("psfs", description, COMMANDS, argv)
+        return run_program("psfs", description, COMMANDS, argv, EXAMPLE)
 
     return start_program("psfs", run)

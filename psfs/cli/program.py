@@ -13,8 +13,9 @@ import tempfile
 import threading
 import time
 import traceback
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 from types import FrameType
@@ -52,12 +53,13 @@ _NUMBERS: dict[Any, str] = {float: "a number, such as 1.5", int: "a whole number
 @dataclass(frozen=True)
 class Command:
     """A subcommand. help: one line. request: "module:class" of its request. work: the module whose
-    `run(request)` runs it. Both are imported when they are needed."""
+    `run(request)` runs it. Both are imported when they are needed. group: heading of --help."""
 
     name: str
     help: str
     request: str
     work: str
+    group: str = ""
 
     @property
     def kind(self) -> type[Request]:
@@ -72,15 +74,34 @@ class Command:
         import_module(self.work).run(request)
 
 
-def list_commands(package: str, **helps: str) -> tuple[Command, ...]:
-    """Return the commands of a package's program from their names and one-line helps; NAME takes
-    the request `package.request.NAMERequest`, and its work is in `package.cli.NAME`."""
+def list_commands(package: str, groups: Mapping[str, Mapping[str, str]]) -> tuple[Command, ...]:
+    """Return the commands of a package's program from their names and one-line helps, in groups;
+    NAME takes the request `package.request.NAMERequest`, and its work is in `package.cli.NAME`."""
     return tuple(
         Command(
-            name, text, f"{package}.request:{name.capitalize()}Request", f"{package}.cli.{name}"
+            name,
+            text,
+            f"{package}.request:{name.capitalize()}Request",
+            f"{package}.cli.{name}",
+            group,
         )
+        for group, helps in groups.items()
         for name, text in helps.items()
     )
+
+
+class _GroupedHelp(argparse.HelpFormatter):
+    """The help of a program, with a heading before the first command of each group."""
+
+    def __init__(self, prog: str, headings: Mapping[str, str]) -> None:
+        super().__init__(prog)
+        self._headings = headings
+
+    def _format_action(self, action: argparse.Action) -> str:
+        text = super()._format_action(action)
+        command = isinstance(action, argparse._SubParsersAction._ChoicesPseudoAction)
+        heading = self._headings.get(action.dest) if command else None
+        return f"\n  {heading}:\n{text}" if heading else text
 
 
 class CommandParser(argparse.ArgumentParser):
@@ -161,7 +182,8 @@ def _fill(parser: CommandParser, kind: type[Request]) -> None:
         _add_option(target, option)
         name = option.flag.metavar or option.dest.upper()
         if option.flag.positional:
-            usage.append(f"{name} [{name} ...]" if option.flag.nargs == "+" else name)
+            shown = {"+": f"{name} [{name} ...]", "?": f"[{name}]"}
+            usage.append(shown.get(option.flag.nargs, name))
         elif option.required:
             usage += [option.flag.short or f"--{option.name}", name]
     parser.add_argument_group("settings").add_argument(
@@ -202,9 +224,17 @@ def program_parser(
     description: str,
     commands: Sequence[Command],
     kind: type[CommandParser] = CommandParser,
+    example: str = "",
 ) -> CommandParser:
     """Return the parser of a program with these subcommands; each gets its flags when it parses."""
-    parser = kind(prog=prog, description=description, allow_abbrev=False)
+    headings = {command.group: command.name for command in reversed(commands)}
+    parser = kind(
+        prog=prog,
+        description=description,
+        allow_abbrev=False,
+        formatter_class=partial(_GroupedHelp, headings={v: k for k, v in headings.items()}),
+        epilog=f"example: {example}" if example else None,
+    )
     parser.add_argument("--version", action=_Version, help="print the versions, and exit")
     parser.add_argument(
         "--completion",
@@ -225,11 +255,15 @@ def program_parser(
 
 
 def run_program(
-    prog: str, description: str, commands: Sequence[Command], argv: Sequence[str] | None = None
+    prog: str,
+    description: str,
+    commands: Sequence[Command],
+    argv: Sequence[str] | None = None,
+    example: str = "",
 ) -> int:
     """Run the subcommand that `argv` names and return the exit code. Only its modules are imported.
     argv: the process's own by default."""
-    parser = program_parser(prog, description, commands)
+    parser = program_parser(prog, description, commands, example=example)
 
     def run(args: argparse.Namespace) -> None:
         command = parser.commands[args.command].command

@@ -9,6 +9,7 @@ import numpy as np
 import scipy
 
 from cl import Device, InputError, NumpyDevice
+from cl.errors import pip_command
 from psfs.backend import AnyReconstructor, make_reconstructor
 from psfs.common.files import write_atomically
 from psfs.common.regions import keep_large_regions
@@ -86,7 +87,7 @@ def _marching_cubes() -> Any:
     except ModuleNotFoundError:
         raise InputError(
             "surfaces are made by scikit-image, which is not installed; expected: "
-            "pip install 'psfs-apf[mesh]'"
+            f"{pip_command('mesh')}"
         ) from None
     return marching_cubes
 

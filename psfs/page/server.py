@@ -19,6 +19,7 @@ from contextlib import contextmanager, redirect_stdout
 from typing import TYPE_CHECKING, Any
 
 from cl import InputError
+from cl.errors import pip_command
 from psfs.page.timeline import add_key
 
 if TYPE_CHECKING:
@@ -59,7 +60,7 @@ def import_viser() -> Any:
         import viser
     except ImportError:
         raise MissingViserError(
-            "the page needs viser, which is not installed; expected: pip install psfs-apf[studio]"
+            f"the page needs viser, which is not installed; expected: {pip_command('studio')}"
         ) from None
     return viser
 
@@ -77,7 +78,7 @@ def start_server(port: int, gate: Gate) -> viser.ViserServer:
         if _status(server.get_port(), "/") != http.client.FORBIDDEN:
             raise InputError(
                 f"viser {viser.__version__} serves without the check of the token; expected a "
-                "version that `pip install psfs-apf[studio]` chooses"
+                f"version that `{pip_command('studio')}` chooses"
             )
     except BaseException:
         stop_server(server)

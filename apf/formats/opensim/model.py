@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from cl import InputError
+from cl.errors import pip_command
 from psfs.common.files import name_file_in_errors, parse_xml, read_text
 
 #: The model that Pose2Sim's wheel carries: Rajagopal et al. 2016 without muscles.
@@ -53,8 +54,8 @@ def find_model(path: Path | None) -> Path:
         if (Path(place) / _CARRIED).is_file():
             return Path(place) / _CARRIED
     raise InputError(
-        "no OpenSim model to scale: Pose2Sim, which carries one, is not installed; expected `pip "
-        'install "psfs-apf[opensim]"`, or --osim-model FILE'
+        "no OpenSim model to scale: Pose2Sim, which carries one, is not installed; expected "
+        f"{pip_command('opensim')}, or --osim-model FILE"
     )
 
 

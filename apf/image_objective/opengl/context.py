@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cl import InputError
+from cl.errors import pip_command
 
 if TYPE_CHECKING:
     import moderngl
@@ -29,7 +30,7 @@ def egl_context() -> moderngl.Context:
         import moderngl
     except ImportError:
         raise InputError(
-            "OpenGL needs moderngl, which is not installed; expected: pip install psfs-apf[opengl]"
+            f"OpenGL needs moderngl, which is not installed; expected: {pip_command('opengl')}"
         ) from None
     options: dict[str, object] = {"standalone": True, "backend": "egl", "require": 430}
     options["libegl"] = "libEGL.so.1"

@@ -18,6 +18,7 @@ import numpy as np
 
 from apf.keypoints.readers.raw import RawKeypoints
 from cl import InputError
+from cl.errors import pip_command
 from psfs.cameras.names import join_names
 from psfs.common.files import MOST_BYTES, read_text
 from psfs.common.reading import open_input, parsing
@@ -151,7 +152,7 @@ def _read_h5(path: Path) -> tuple[list[Column], np.ndarray]:
     except ImportError:
         raise InputError(
             f"{path}: reading DeepLabCut's .h5 needs pandas and tables "
-            "(pip install psfs-apf[deeplabcut]); its .csv needs nothing"
+            f"({pip_command('deeplabcut')}); its .csv needs nothing"
         ) from None
     with parsing(path, "a pandas table"):
         open_input(path).close()

@@ -195,7 +195,7 @@ def newer(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (without, "MediaPipe, which is not installed: pip install 'psfs-apf[keypoints]'"),
+        (without, "MediaPipe, which is not installed: pip install '"),
         (newer, "carries no pose model"),
     ],
     ids=["without", "newer"],

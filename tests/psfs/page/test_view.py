@@ -88,7 +88,7 @@ def test_bad_use_is_one_line(
     assert main(["view", str(folder)]) == 2
     lines = capsys.readouterr().err.splitlines()
     assert "--port" in lines[0] and "holds frames 0 to 3" in lines[1]
-    assert "psfs-apf[studio]" in lines[2] and "--png FILE" in lines[2]
+    assert "[studio]'" in lines[2] and "--png FILE" in lines[2]
 
 
 def test_floor_lies_under_the_grid() -> None:
