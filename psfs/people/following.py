@@ -18,9 +18,9 @@ SPEED = 4.0
 _LEAST_HEIGHT, TALL, LOWEST = 0.9, 1.2, 0.4
 #: Least distance on the floor of two people who touch all the time; what is nearer is a part, m.
 APART = 0.45
-#: Distance at which a trajectory looks for its region, and from its voxels up to which a region
-#: without an owner belongs to it, m.
-_REACH = 0.4
+#: Distance at which a trajectory looks for its region, from its voxels up to which a region without
+#: an owner belongs to it, and beyond what the speed allows at which a person may return, m.
+REACH = 0.4
 #: Distance from all who were in a region beyond which its voxels may be a newcomer's, m.
 _NEWCOMER = 0.25
 #: Least share of a trajectory's moved voxels that must fall into a region for it to be theirs.
@@ -96,7 +96,7 @@ class PeopleFollower:
 
     def __init__(self, grid: VoxelGrid, fps: float) -> None:
         self.grid = grid
-        self._reach = max(_REACH, 1.5 * SPEED / fps)
+        self._reach = max(REACH, 1.5 * SPEED / fps)
         self.all: list[Trajectory] = []
         self._going: list[_ActiveTrajectory] = []
 
@@ -169,7 +169,7 @@ class PeopleFollower:
                 for part in parts
             ]
             nearest = int(np.argmin(apart)) if apart else -1
-            if standing[k] or (nearest < 0 or apart[nearest] > _REACH):
+            if standing[k] or (nearest < 0 or apart[nearest] > REACH):
                 if len(own) >= count_least_voxels(self.grid):
                     parts.append(own)
             else:

@@ -10,7 +10,16 @@ import numpy as np
 
 from psfs.common.matching import match_pairs
 from psfs.people.coarse_voxels import measure_similarity
-from psfs.people.following import APART, LOWEST, PRESENT, SPEED, TALL, Trajectory, find_middle
+from psfs.people.following import (
+    APART,
+    LOWEST,
+    PRESENT,
+    REACH,
+    SPEED,
+    TALL,
+    Trajectory,
+    find_middle,
+)
 from psfs.voxels.division import BANDS, LEVELS
 from psfs.voxels.grid import VoxelGrid
 
@@ -18,11 +27,9 @@ T = TypeVar("T")
 
 #: Cost of two trajectories that cannot be of the same person.
 _IMPOSSIBLE = 1e3
-#: A trajectory that begins so soon, s, and so near, m, after another one's end goes on with it,
-#: whatever its colours and size.
-_SOON, _NEAR = 0.5, 0.5
-#: Distance, m, that may be added to what a person's speed allows.
-_SLACK = 0.3
+#: A trajectory that begins so soon, s, after another one's end, and nearer than two people can be,
+#: goes on with it, whatever its colours and size.
+_SOON = 0.5
 #: Least similarity (Bhattacharyya coefficient) of the colours, and greatest difference of the
 #: logarithms of the volumes, of two trajectories of one person.
 _LIKENESS, _SIZE = 0.45, 0.7
@@ -142,13 +149,13 @@ def _measure_cost(
     seconds = (first - last) / fps
     ends = grid.centres(early.voxels[last]), grid.centres(late.voxels[first])
     apart = float(np.linalg.norm(find_middle(ends[0]) - find_middle(ends[1])))
-    if apart > SPEED * seconds + _SLACK:
+    if apart > SPEED * seconds + REACH:
         return _IMPOSSIBLE
     alike = measure_similarity(
         seen[early].sum_colours(-np.inf, np.inf), seen[late].sum_colours(-np.inf, np.inf)
     )
     size = abs(np.log(count_voxels(early) / count_voxels(late)))
-    at_once = seconds < _SOON and apart < _NEAR
+    at_once = seconds < _SOON and apart < APART
     if not at_once and (alike < _LIKENESS or size > _SIZE):
         return _IMPOSSIBLE
     return 1 - alike + _SIZE_WEIGHT * size + min(apart, 1.0) * _DISTANCE_WEIGHT
