@@ -3,8 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
+from helpers.shared import shared_data
 
-from psfs.people.people import People, Person
+from cl import Device
+from psfs.people.people import People, Person, count_people
+from psfs.sequence import Sequence
+from psfs.session import Session, SessionSettings
 from psfs.voxels.grid import VoxelGrid
 
 GRID = VoxelGrid.covering(np.array([-2.0, -2, 0]), np.array([2.0, 2, 2.2]), 0.08)
@@ -29,3 +34,11 @@ def test_the_axis_runs_through_the_trunk_whatever_an_arm_reaches_for() -> None:
     np.testing.assert_allclose(found.positions[:, 0, :2], [[0.5, -0.7]] * 2, atol=0.12)
     np.testing.assert_allclose(found.positions[1, 1], [-1, 0.5, 1.8], atol=0.06)
     assert abs(found.positions[0, 0, 2] - 1.6) < 0.06 and np.isnan(found.positions[0, 1]).all()
+
+
+@pytest.mark.parametrize("moment", [6, 7])
+def test_four_men_are_four(moment: int, device: Device) -> None:
+    """Three who touch; and a ghost that explains a man."""
+    sequence = Sequence.open(shared_data("utrecht_four_men_4cam"))
+    session = Session(sequence, device, SessionSettings(selection=slice(moment, moment + 1)))
+    assert count_people(session).counts.tolist() == [4]
