@@ -21,7 +21,7 @@ _POCL_THREADS = "POCL_MAX_PTHREAD_COUNT"
 
 @dataclass(frozen=True)
 class Timing:
-    """Duration, ms, of repeated runs, in their order: median, quartiles, mean."""
+    """Duration, ms, of repeated runs, in their order: median and quartiles."""
 
     samples: tuple[float, ...]
 
@@ -37,16 +37,8 @@ class Timing:
     def high(self) -> float:
         return self._percentile(75)
 
-    @property
-    def mean(self) -> float:
-        return float(np.mean(self.samples))
-
     def _percentile(self, share: float) -> float:
         return float(np.percentile(self.samples, share))
-
-    def __str__(self) -> str:
-        digits = 3 if self.median < 1 else 2 if self.median < 10 else 1
-        return f"{self.median:.{digits}f} [{self.low:.{digits}f}, {self.high:.{digits}f}]"
 
 
 @dataclass(frozen=True)
