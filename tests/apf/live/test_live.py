@@ -348,7 +348,7 @@ def test_a_lost_pose_is_not_kept(filmed: Path, objective: str) -> None:
     # It moves with the voxels, where there are some.
     moved = run.result.newest[0].pose - good.pose
     expected = make_translation_matrix(run.body) @ [0.1 if objective == "voxel" else 0.0, 0.0, 0.0]
-    np.testing.assert_allclose(moved, expected, atol=0.02)
+    np.testing.assert_allclose(moved, expected, atol=0.03)  # half a voxel more: noisy videos
     again = tracked(run, seen(run, 2))
     assert np.abs(again.pose - good.pose).max() < 0.5
 
