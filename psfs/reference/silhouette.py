@@ -13,22 +13,7 @@ from psfs.cameras.cells import CELL
 from psfs.reference.chroma_key import chroma_ratio
 from psfs.reference.light import apply_light, estimate_light
 from psfs.silhouettes.appearance import BINS
-from psfs.silhouettes.config import (
-    FLOOR_ENOUGH,
-    FLOOR_FULLY_LIT,
-    FLOOR_LIT,
-    FLOOR_LIT_STD,
-    FLOOR_NEAREST,
-    FLOOR_SHADOW_DEPTH,
-    FLOOR_SHADOW_LOW,
-    FLOOR_SHADOW_STD,
-    RIM_CHROMA_NOISE,
-    RIM_COST,
-    RIM_SHARE,
-    SMOOTHING_CONTRAST,
-    SPAN,
-    SilhouetteConfig,
-)
+from psfs.silhouettes.config import PIXEL, SPAN, SilhouetteConfig
 from psfs.silhouettes.floor_shadow import floor_points
 
 if TYPE_CHECKING:
@@ -131,7 +116,7 @@ def smooth_evidence(image: np.ndarray, counts: np.ndarray, config: SilhouetteCon
     for y, x in np.ndindex(2 * reach + 1, 2 * reach + 1):
         part = slice(y, y + height), slice(x, x + width)
         # Not to the power of -2, which NumPy takes ten times as long for.
-        weight = 1 / (1 + ((lumas[part] - luma) / SMOOTHING_CONTRAST) ** 2) ** 2
+        weight = 1 / (1 + ((lumas[part] - luma) / PIXEL.contrast) ** 2) ** 2
         total += weight * ratios[part]
         weights += weight
     place = 9 * total / weights - 9 * config.evidence.ratio_range[0]
@@ -148,8 +133,8 @@ def mixed_ratio(
     """Return (H, W) log ratio of the pixels of the rim under the mixture of background and person
     that fits best; -inf elsewhere.
 
-    The luma y of I - mu is a share a <= `RIM_SHARE` of that of I_p - mu_p, and its chroma (b - y,
-    r - y) any share up to 1, but for noise: that of the green channel, times `RIM_CHROMA_NOISE` for
+    The luma y of I - mu is a share a <= `rim_share` of that of I_p - mu_p, and its chroma (b - y,
+    r - y) any share up to 1, but for noise: that of the green channel, times `rim_chroma_noise` for
     the chroma. A pixel of the rim has positive evidence, and so has p, two pixels away in one of
     eight directions (the best one counts); two pixels in the opposite direction it is negative.
     """
@@ -160,11 +145,11 @@ def mixed_ratio(
     for dy, dx in ((dy, dx) for dy in (-2, 0, 2) for dx in (-2, 0, 2)):
         on_rim = (evidence[y + dy, x + dx] > 0) & (evidence[y - dy, x - dx] < 0)
         here, ahead = (y[on_rim], x[on_rim]), (y[on_rim] + dy, x[on_rim] + dx)
-        left = _rest(luma[here], luma[ahead], RIM_SHARE)
-        left += _rest(chroma[here], chroma[ahead], 1) / RIM_CHROMA_NOISE**2
+        left = _rest(luma[here], luma[ahead], PIXEL.rim_share)
+        left += _rest(chroma[here], chroma[ahead], 1) / PIXEL.rim_chroma_noise**2
         least[here] = np.minimum(least[here], weight[here][:, 1] * left)
     peak = np.log(256 * np.sqrt(weight / (2 * np.pi))).sum(-1)
-    return peak - RIM_COST - 0.5 * least
+    return peak - PIXEL.rim_cost - 0.5 * least
 
 
 def _luma_chroma(colours: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -219,7 +204,7 @@ def floor_light(
 
     The light is computed in the middle of every cell of CELL x CELL pixels and interpolated
     linearly. Of the light factors that the other cameras see at that point of the floor, it is the
-    second nearest to the cell's own factor, or the nearest if fewer than FLOOR_ENOUGH cameras have
+    second nearest to the cell's own factor, or the nearest if fewer than floor_enough cameras have
     a factor; at most 1. A camera has no factor there if its pixel cannot be floor, shaded or not.
     The light is 1 if no other camera has a factor, or if the cell's own pixel shows the floor fully
     lit. It is rounded to steps of 1 / 127.
@@ -233,7 +218,7 @@ def floor_light(
     light = np.empty(images.shape[:3])
     for view, shown in enumerate(points):
         on_floor = np.isfinite(shown[..., 0])
-        lit = (factors[view] > FLOOR_LIT) & (left[view] < FLOOR_NEAREST)
+        lit = (factors[view] > PIXEL.floor_lit) & (left[view] < PIXEL.floor_nearest)
         where = np.column_stack([shown[on_floor], np.full(on_floor.sum(), config.floor.height)])
         own = _sample_cells(factors[view])[on_floor]
         others = np.full((len(rig), len(where)), np.inf)
@@ -242,9 +227,9 @@ def floor_light(
                 continue
             seen, row, column, _ = camera.look_up(where)
             alpha, distance = factors[other][row, column], left[other][row, column]
-            is_floor = (distance < FLOOR_NEAREST) & (alpha < config.background.shadow_high)
+            is_floor = (distance < PIXEL.floor_nearest) & (alpha < config.background.shadow_high)
             others[other, seen] = np.where(is_floor, alpha, np.inf)
-        agreed = _agreed_factor(others, own, FLOOR_ENOUGH)
+        agreed = _agreed_factor(others, own, PIXEL.floor_enough)
         cells = np.ones(on_floor.shape)
         agreed[_sample_cells(lit)[on_floor]] = 1
         cells[on_floor] = np.floor(127 * agreed + 0.5) / 127
@@ -328,9 +313,9 @@ def background_ratio(
     The background is N(I; alpha mu, sigma) with the better of two alphas: 1, and the best fitting
     light factor within a range. Usually that is the shadow range, with a penalty of ((1 - alpha) /
     shadow_width)^2 / 2; shadow_width is by default that of `mean`. On the floor, where `light` (H,
-    W) is not NaN, alpha may be lower, with penalties of ((1 - alpha) / FLOOR_SHADOW_DEPTH)^2 / 2
-    and of ((light - alpha) / width)^2 / 2. There the width is `FLOOR_LIT_STD` where the floor is
-    lit; where it is shaded, it is `FLOOR_SHADOW_STD` plus the noise.
+    W) is not NaN, alpha may be lower, with penalties of ((1 - alpha) / floor_depth)^2 / 2
+    and of ((light - alpha) / width)^2 / 2. There the width is `floor_lit_std` where the floor is
+    lit; where it is shaded, it is `floor_std` plus the noise.
     """
     image, mean = image.astype(np.float64), mean.astype(np.float64)
     weight = _weight(std, config)
@@ -344,12 +329,12 @@ def background_ratio(
         shadow_width = config.background.shadow_width(mean)
     dimmed = distance(alpha) + ((1 - alpha) / shadow_width) ** 2
     if light is not None:
-        alpha = np.clip(factor, FLOOR_SHADOW_LOW, config.background.shadow_high)
-        lit = light > FLOOR_FULLY_LIT
-        width = np.where(lit, FLOOR_LIT_STD, FLOOR_SHADOW_STD)
+        alpha = np.clip(factor, PIXEL.floor_low, config.background.shadow_high)
+        lit = light > PIXEL.floor_fully_lit
+        width = np.where(lit, PIXEL.floor_lit_std, PIXEL.floor_std)
         noise = np.where(lit, 0, 1 / (_weighted_product(weight, mean, mean) + 1e-6))
         price = (light - alpha) ** 2 / (width**2 + noise)
-        on_floor = distance(alpha) + price + ((1 - alpha) / FLOOR_SHADOW_DEPTH) ** 2
+        on_floor = distance(alpha) + price + ((1 - alpha) / PIXEL.floor_depth) ** 2
         dimmed = np.where(np.isnan(light), dimmed, on_floor)
     least = np.minimum(distance(np.ones(factor.shape)), dimmed)
     peak = np.log(256 * np.sqrt(weight / (2 * np.pi))).sum(-1)

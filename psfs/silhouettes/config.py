@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import ClassVar
 
 from psfs.background.config import (
@@ -15,21 +16,39 @@ from psfs.common.config import Config, fraction, natural, nonnegative, part, set
 #: Source of the defaults that name no other one.
 _TUNED = "tuned with true masks"
 
-#: Least light factor of a shadow on the floor; its standard deviation between cameras that see the
-#: same shadow, where the others see the floor lit, and around 1: shoes are darker than shadows.
-FLOOR_SHADOW_LOW, FLOOR_SHADOW_STD, FLOOR_LIT_STD, FLOOR_SHADOW_DEPTH = 0.15, 0.03, 0.025, 0.45
-#: Number of other cameras that see the floor from which on two must agree on a shadow.
-FLOOR_ENOUGH = 4
-#: Light factor above which the floor passes for lit, whatever the others see, and that above which
-#: it is not shaded at all: light has steps of 1/127.
-FLOOR_LIT, FLOOR_FULLY_LIT = 0.9, 0.997
-#: Squared distance, in squared standard deviations, of what may still be floor in shadow: 3 sigma.
-FLOOR_NEAREST = 9.0
-#: Share of the person's luma up to which a pixel of the rim may be background, the cost in nats of
-#: taking it for that, and the chroma's noise as a share of the luma's, the green channel's.
-RIM_SHARE, RIM_COST, RIM_CHROMA_NOISE = 0.4, 4.0, 0.67
-#: Difference of luma, grey levels, that takes three quarters of a pixel's weight in the smoothing.
-SMOOTHING_CONTRAST = 20.0
+
+@dataclass(frozen=True)
+class PixelModel:
+    """Numbers of a pixel's colour that the kernels and their twins share."""
+
+    floor_low: float = 0.15
+    """Least light factor of a shadow on the floor."""
+    floor_std: float = 0.03
+    """Its standard deviation between cameras that see the same shadow."""
+    floor_lit_std: float = 0.025
+    """The same where the others see the floor lit."""
+    floor_depth: float = 0.45
+    """Its standard deviation around 1: shoes are darker than shadows."""
+    floor_enough: int = 4
+    """Number of other cameras that see the floor from which on two must agree on a shadow."""
+    floor_lit: float = 0.9
+    """Light factor above which the floor passes for lit, whatever the others see."""
+    floor_fully_lit: float = 0.997
+    """Light factor above which it is not shaded at all: light has steps of 1/127."""
+    floor_nearest: float = 9.0
+    """Squared distance of what may still be floor in shadow: 3 sigma."""
+    rim_share: float = 0.4
+    """Share of the person's luma up to which a pixel of the rim may be background."""
+    rim_cost: float = 4.0
+    """Cost in nats of taking it for that."""
+    rim_chroma_noise: float = 0.67
+    """Its chroma's noise as a share of the luma's, the green channel's."""
+    contrast: float = 20.0
+    """Difference of luma, grey levels, that takes three quarters of a pixel's weight in the
+    smoothing."""
+
+
+PIXEL = PixelModel()
 
 
 class FloorConfig(Config):

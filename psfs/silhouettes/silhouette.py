@@ -18,22 +18,7 @@ from psfs.cameras.cells import CELL, cells
 from psfs.common.picture_size import check_stack
 from psfs.common.progress import map_in_threads
 from psfs.silhouettes.appearance import BINS, Foreground, ForegroundPrior
-from psfs.silhouettes.config import (
-    FLOOR_ENOUGH,
-    FLOOR_FULLY_LIT,
-    FLOOR_LIT,
-    FLOOR_LIT_STD,
-    FLOOR_NEAREST,
-    FLOOR_SHADOW_DEPTH,
-    FLOOR_SHADOW_LOW,
-    FLOOR_SHADOW_STD,
-    RIM_CHROMA_NOISE,
-    RIM_COST,
-    RIM_SHARE,
-    SMOOTHING_CONTRAST,
-    SPAN,
-    SilhouetteConfig,
-)
+from psfs.silhouettes.config import PIXEL, SPAN, SilhouetteConfig
 from psfs.silhouettes.floor_shadow import floor_points
 from psfs.silhouettes.hidden import hide_launch
 
@@ -241,9 +226,9 @@ class Silhouette:
                 **sizes,
                 **self.rig.defines,
                 "SHADOW_HIGH": float(light.shadow_high),
-                "FLOOR_LIT": FLOOR_LIT,
-                "FLOOR_ENOUGH": FLOOR_ENOUGH,
-                "FLOOR_LEFT": FLOOR_NEAREST,
+                "FLOOR_LIT": PIXEL.floor_lit,
+                "FLOOR_ENOUGH": PIXEL.floor_enough,
+                "FLOOR_LEFT": PIXEL.floor_nearest,
                 "CELL": CELL,
             }
         return {
@@ -251,18 +236,18 @@ class Silhouette:
             "PACK": pixel_pack(self.device, self.rig.width),
             "SHADOW_LOW": float(light.shadow_low),
             "SHADOW_HIGH": float(light.shadow_high),
-            "FLOOR_LOW": FLOOR_SHADOW_LOW,
-            "FLOOR_VARIANCE": FLOOR_SHADOW_STD**2,
-            "FLOOR_DEPTH": FLOOR_SHADOW_DEPTH**-2,
-            "LIT_VARIANCE": FLOOR_LIT_STD**2,
-            "FULLY_LIT": FLOOR_FULLY_LIT,
+            "FLOOR_LOW": PIXEL.floor_low,
+            "FLOOR_VARIANCE": PIXEL.floor_std**2,
+            "FLOOR_DEPTH": PIXEL.floor_depth**-2,
+            "LIT_VARIANCE": PIXEL.floor_lit_std**2,
+            "FULLY_LIT": PIXEL.floor_fully_lit,
             "RIM": int(config.rim.on),
-            "RIM_SHARE": RIM_SHARE,
-            "RIM_CHROMA": RIM_CHROMA_NOISE**-2,
-            "RIM_COST": RIM_COST,
+            "RIM_SHARE": PIXEL.rim_share,
+            "RIM_CHROMA": PIXEL.rim_chroma_noise**-2,
+            "RIM_COST": PIXEL.rim_cost,
             **{"SMOOTH_REACH": config.smoothing.reach, "SPAN": SPAN},
             "SUM_REACH": config.smoothing.sum_reach,
-            "CONTRAST": SMOOTHING_CONTRAST**-2,
+            "CONTRAST": PIXEL.contrast**-2,
             "STEPS": float(evidence.ratio_steps),
             "LOWEST": evidence.ratio_range[0],
             "HIGHEST": evidence.ratio_range[1],
