@@ -128,10 +128,7 @@ class _HiddenPixelCounter:
         self._pixels = np.stack([self._project_to_indices(camera, centres) for camera in rig])
         self._seen = (self._pixels >= 0).sum(0) >= OccupancyConfig().seeing_cameras(len(rig))
         size = (len(rig), rig.height, rig.width)
-        # Frames in which a pixel denies or confirms, in which all others expect a person there,
-        # and in which it then shows one.
-        counts = np.zeros((4, *size), np.int16)
-        self.denied, self.confirmed, self.expected, self.met = counts
+        self.denied, self.confirmed = np.zeros(size, np.int16), np.zeros(size, np.int16)
 
     def _find_candidates(self, coarse: VoxelGrid) -> list[np.ndarray]:
         """Return, for each frame, the coarse voxels (N,) where enough cameras, or nearly enough,
@@ -165,17 +162,12 @@ class _HiddenPixelCounter:
             ]
         )
         self.confirmed += shown & explained
-        against = counts < 0
-        n_against, n_for = against.sum(0), (counts > 0).sum(0)
-        for view, own in enumerate(shown):
-            meet = (n_for - (counts[view] > 0) >= _AGREEING - 1) & (n_against - against[view] == 0)
-            expected = self._covered_pixels(view, pixels[view][meet & (pixels[view] >= 0)], 0)
-            self.expected[view] += expected
-            self.met[view] += expected & own
         lonely = [cv2.erode(own, np.ones((3, 3), np.uint8)) for own in _bytes(shown & ~explained)]
         if sum(own.any() for own in lonely) < _AGREEING:
             return
         wanted = [_look_up(own, at) > 0 for own, at in zip(lonely, pixels, strict=True)]
+        against = counts < 0
+        n_against, n_for = against.sum(0), (counts > 0).sum(0)
         amiss = (np.sum(wanted, 0) >= _AGREEING) & (n_against <= _DENYING)
         amiss &= ~occupied & (n_for > n_against)
         for view, own in enumerate(shown):
@@ -191,22 +183,17 @@ class _HiddenPixelCounter:
         return cv2.dilate(maps, np.ones((size, size), np.uint8)) > 0
 
     def find_hidden(self) -> np.ndarray:
-        """Return (V, H, W) bool: the regions of pixels that never show whom the other cameras
-        expect there, around pixels that deny in enough frames, with holes filled."""
+        """Return (V, H, W) bool: the pixels that deny in enough frames, with holes filled and
+        specks removed."""
+        config = self.config
         enough = self.denied >= np.maximum(
             _LEAST_FRAMES, _LEAST_SHARE * (self.denied + self.confirmed)
         )
         sums = self.confirmed.sum((1, 2), dtype=int), self.denied.sum((1, 2), dtype=int)
         enough &= (sums[0] >= _LEAST_CONFIRMED * sums[1])[:, None, None]
-        never = (self.expected >= _LEAST_FRAMES) & (self.met <= _LEAST_SHARE * self.expected)
-        square, hidden = np.ones((_GAP, _GAP), np.uint8), np.zeros_like(enough)
-        for region, seeds, weak in zip(hidden, enough, never, strict=True):
-            opened = cv2.morphologyEx(_bytes(weak), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
-            _, parts = cv2.connectedComponents(opened | _bytes(seeds))
-            grown = _bytes(np.isin(parts, np.unique(parts[seeds])) & (parts > 0))
-            closed = cv2.morphologyEx(grown, cv2.MORPH_CLOSE, square)
-            region[:] = _without_specks(closed, self.config.least_pixels)
-        return hidden
+        square = np.ones((_GAP, _GAP), np.uint8)
+        closed = [cv2.morphologyEx(own, cv2.MORPH_CLOSE, square) for own in _bytes(enough)]
+        return np.stack([_without_specks(own, config.least_pixels) for own in closed])
 
 
 def _divide(coarse: VoxelGrid, voxels: np.ndarray) -> np.ndarray:
