@@ -23,6 +23,7 @@ from psfs.reference.silhouette import (
 from psfs.silhouettes.config import (
     EvidenceSmoothingConfig,
     FloorConfig,
+    PixelModel,
     RimConfig,
     SilhouetteConfig,
 )
@@ -240,6 +241,6 @@ def test_two_cameras_must_agree_on_a_shadow_where_there_are_enough(
     """One of three others sees a shoe as dark as this pixel, two see the shadow behind it."""
     rig, plate, _, _ = shadowed_floor(4)
     dark = np.rint(plate.mean * np.array([0.8, 0.75, 0.5, 0.5])[:, None, None, None])
-    monkeypatch.setattr("psfs.reference.silhouette.FLOOR_ENOUGH", least)
+    monkeypatch.setattr("psfs.reference.silhouette.PIXEL", PixelModel(floor_enough=least))
     light = floor_light(dark.astype(np.uint8), rig, plate, SilhouetteConfig())[0]
     assert abs(np.nanmedian(light) - expected) < 0.02
