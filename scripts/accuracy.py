@@ -43,7 +43,7 @@ from timings.results import checked_out_commit
 from apf.filters.config import FilterConfig
 from apf.presets import PRESETS
 from cl import Device, InputError, UserError, select_device
-from psfs.cli.commandline import add_device_flag, add_message_flags, progress_bar, stdout
+from psfs.cli.commandline import add_message_flags, progress_bar, stdout
 from psfs.cli.program import run_command
 
 _ROOT = Path(__file__).resolve().parent.parent
@@ -75,7 +75,7 @@ def main() -> int:
     add("--readme", action="store_true", help="no run; the tables of docs/accuracy.md from OUT")
     add("--commit", help="the commit, where there is no git to ask")
     add_message_flags(parser)
-    add_device_flag(parser)
+    parser.add_argument("--device", default="auto", help="as of apf track (default: auto)")
     parser.set_defaults(run=_run, overwrite=True)  # its own tables, in any checkout
     return run_command(parser)
 

@@ -36,7 +36,7 @@ from timings.results import checked_out_commit
 
 from apf.evaluation.evaluate import load_truth
 from cl import Device, InputError, UserError, select_device
-from psfs.cli.commandline import add_device_flag, add_message_flags, stderr, warn
+from psfs.cli.commandline import add_message_flags, stderr, warn
 from psfs.cli.program import run_command
 from psfs.sequence import Sequence
 
@@ -70,7 +70,7 @@ def main() -> int:
     )  # fmt: skip
     parser.add_argument("--commit", help="the commit, where there is no git to ask")
     add_message_flags(parser)
-    add_device_flag(parser)
+    parser.add_argument("--device", default="auto", help="as of apf track (default: auto)")
     parser.set_defaults(run=_run, overwrite=True)  # its own tables, in any checkout
     return run_command(parser)
 

@@ -16,9 +16,9 @@ import sys
 import time
 
 from timings import batch, methods, people, whole
-from timings.results import add_timing_flags
+from timings.results import add_command, add_timing_flags
 
-from psfs.cli.commandline import add_command, add_message_flags, stderr
+from psfs.cli.commandline import add_message_flags, stderr
 from psfs.cli.program import run_command
 
 #: The modules of the comparisons, in the order of `all`.

@@ -306,8 +306,9 @@ def _make_tracks(
     if not rows:
         return []
     frames = [result.frames[row] for row in rows]
+    n_layers = live.most_layers
     return [
-        _track(person.body, live.source, [found[row] for row in rows], frames, provenance)
+        _track(person.body, live.source, [found[row] for row in rows], frames, provenance, n_layers)
         for person, found in zip(live.persons, result.list_estimates(), strict=True)
     ]
 
@@ -318,10 +319,11 @@ def _track(
     found: list[Estimate],
     frames: list[int],
     provenance: dict[str, Any],
+    n_layers: int,
 ) -> Track:
-    """Return the track of a person. The searches differ in their numbers of layers: missing layers
-    are NaN."""
-    most = max(len(estimate.ess) for estimate in found)
+    """Return the track of a person. The searches differ in their numbers of layers: of `n_layers`,
+    those of the largest, missing ones are NaN, so that the parts of a track can be joined."""
+    most = max(n_layers, *(len(estimate.ess) for estimate in found))
 
     def padded(values: np.ndarray) -> np.ndarray:
         return np.pad(values, (0, most - len(values)), constant_values=np.nan)

@@ -224,6 +224,11 @@ class Live:
         self.start_selected()
 
     @property
+    def most_layers(self) -> int:
+        """Number of layers of the largest search."""
+        return max(method.filter.search.n_layers for method in self._searches)
+
+    @property
     def expected_rate(self) -> float:
         """Poses per second to expect, from the times measured in the first frame."""
         searching = float(self.governor.costs[self.governor.chosen])

@@ -6,7 +6,7 @@ import argparse
 import logging
 import re
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from datetime import datetime
@@ -152,20 +152,6 @@ def _is_log(path: Path) -> bool:
     return not first or began is not None
 
 
-def add_command(
-    commands: argparse._SubParsersAction,
-    name: str,
-    run: Callable[[argparse.Namespace], None],
-    help: str,
-) -> argparse.ArgumentParser:
-    """Add a subcommand."""
-    parser: argparse.ArgumentParser = commands.add_parser(
-        name, help=help, description=help, allow_abbrev=False
-    )
-    parser.set_defaults(run=run, command=name)
-    return parser
-
-
 def add_message_flags(parser: argparse.ArgumentParser) -> None:
     """Add the flags of all subcommands: amount and destination of the messages."""
     group = parser.add_argument_group("messages")
@@ -179,16 +165,6 @@ def add_message_flags(parser: argparse.ArgumentParser) -> None:
         type=Path,
         metavar="FILE",
         help="append all messages to FILE, with the times and the traceback of an error",
-    )
-
-
-def add_device_flag(parser: argparse.ArgumentParser | argparse._ArgumentGroup) -> None:
-    parser.add_argument(
-        "--device",
-        default="auto",
-        metavar="auto|gpu|cpu|numpy|NAME",
-        help="where to compute: any part of a name that `psfs devices` lists, gpu:1 for the second "
-        "GPU, or numpy for the reference implementation (default: auto)",
     )
 
 

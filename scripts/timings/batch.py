@@ -32,11 +32,10 @@ from apf.synthetic.generate import generate
 from apf.synthetic.scene import SceneConfig
 from apf.timings.measure import places
 from cl import Device, InputError
-from psfs.cli.commandline import add_command
 from psfs.cli.program import parse_request
 from psfs.sequence import Sequence as Footage
 from timings.grid import Grid, number
-from timings.results import Results, add_timing_flags
+from timings.results import Results, add_command, add_timing_flags
 
 #: Takes at once on a GPU; with two GPUs the last two numbers, on each.
 _AT_ONCE = (1, 2, 4, 8)

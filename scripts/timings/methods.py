@@ -20,10 +20,9 @@ from apf.filters.method import Method
 from apf.image_objective.config import ObjectiveConfig
 from apf.timings.measure import Place, Timing, places
 from apf.timings.scene import FPS, Problem, make_problem
-from psfs.cli.commandline import add_command
 from psfs.sequence import Frame
 from timings.grid import Grid, number
-from timings.results import Results, add_timing_flags
+from timings.results import Results, add_command, add_timing_flags
 
 #: Their names in the thesis.
 SEARCHES = {"pso": "PSO", "sir": "PF"}

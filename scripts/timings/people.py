@@ -25,11 +25,10 @@ from apf.timings.measure import Place, Timing, places
 from apf.timings.scene import FPS, VIEWS, Scene, make_scene, playing, there_and_back
 from apf.tracking.together import PeopleTracker
 from cl import Device
-from psfs.cli.commandline import add_command
 from psfs.reconstructor import Reconstructor
 from psfs.voxels.grid import VoxelGrid
 from timings.grid import Grid, number
-from timings.results import Results, add_timing_flags
+from timings.results import Results, add_command, add_timing_flags
 
 #: Numbers of people, voxels of the room, and its least corner, m.
 PEOPLE, SHAPE, _LOW = (1, 2, 3, 5), (220, 220, 100), np.array([-2.2, -2.2, 0.0])

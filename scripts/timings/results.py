@@ -42,6 +42,20 @@ _ENVELOPE = (
 )
 
 
+def add_command(
+    commands: argparse._SubParsersAction,
+    name: str,
+    run: Callable[[argparse.Namespace], None],
+    help: str,
+) -> argparse.ArgumentParser:
+    """Add a subcommand."""
+    parser: argparse.ArgumentParser = commands.add_parser(
+        name, help=help, description=help, allow_abbrev=False
+    )
+    parser.set_defaults(run=run, command=name)
+    return parser
+
+
 def add_timing_flags(parser: argparse.ArgumentParser) -> None:
     """Add the flags that all comparisons have."""
     parser.add_argument(

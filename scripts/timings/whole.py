@@ -29,9 +29,8 @@ from apf.timings.scene import (
     sequence_run,
     songs_own,
 )
-from psfs.cli.commandline import add_command
 from timings.measure import fewer_cores, measured_limits
-from timings.results import Results, add_timing_flags
+from timings.results import Results, add_command, add_timing_flags
 from timings.stages import reconstruction_work, stage_times, tracking_work
 from timings.whole_tables import tables
 

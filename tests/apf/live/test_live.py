@@ -245,6 +245,7 @@ def test_poses_are_on_disk_while_a_run_goes_on(filmed: Path, tmp_path: Path, mon
     assert live(filmed, tmp_path / "out", "--particles", "48", "--captures", *names) == 0
     whole = Track.open(tmp_path / "out")
     parts = [Track.open(path) for path in sorted((tmp_path / "out" / "parts").iterdir())]
+    assert len({part.diagnostics["ess"].shape[1:] for part in parts}) == 1  # they can be joined
     frames = np.concatenate([part.frames for part in parts])
     assert len(parts) > 1 and np.array_equal(frames, whole.frames[: len(frames)])
 
