@@ -7,7 +7,6 @@ from .api import UserError as UserError
 from .api import open_sequence as open_sequence
 from .api import reconstruct as reconstruct
 from .api import select_device as select_device
-from .background.config import AdaptationConfig as AdaptationConfig
 from .background.config import BackgroundConfig as BackgroundConfig
 from .background.config import EvidenceConfig as EvidenceConfig
 from .background.config import LightConfig as LightConfig

@@ -150,8 +150,6 @@ class Reconstructor:
                 foreground.learn(self.voxels)
                 self._carve()
             foreground.learn(self.voxels)
-        if self.silhouette.adaptation is not None:
-            self.silhouette.adaptation()
         return self.voxels
 
     def _carve(self) -> None:

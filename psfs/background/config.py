@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import cached_property
 from typing import TYPE_CHECKING, ClassVar
 
-from psfs.common.config import Config, natural, positive, setting
+from psfs.common.config import Config, positive, setting
 
 if TYPE_CHECKING:
     import numpy as np
@@ -63,45 +63,6 @@ class LightConfig(Config):
         "Estimate every picture's light; else it is that of the background.",
         "daylight, and the gains of cameras, change within a take",
     )
-
-
-class AdaptationConfig(Config):
-    """Settings of the background's adaptation to local changes, see
-    `psfs.background.adaptation`."""
-
-    SOURCE: ClassVar = "by hand"
-
-    rate: float = setting(
-        0.025,
-        "Share of the difference to the frame by which the mean changes per frame where no "
-        "person is; 0 turns adaptation off. It needs `AppearanceConfig.learn`.",
-        least=0,
-        below=1,
-    )
-    period: int = natural(
-        8,
-        "Number of frames over which all pixels are updated once, a part of the picture in "
-        "each frame; fewer frames take more time.",
-        unit="frames",
-    )
-    variance_slowdown: float = positive(
-        4.0, "Factor by which the variance drifts more slowly than the mean: it needs more samples."
-    )
-    nearest: float = positive(
-        30.0,
-        "Greatest squared distance to the background of pixels that update it. Shadows and "
-        "other changes that count as background are further away and do not change it.",
-        unit="squared standard deviations",
-    )
-
-    def rates(self) -> tuple[float, float]:
-        """Return the shares of the difference by which a pixel's mean and variance change at each
-        of its updates."""
-        mean, variance = (
-            1 - (1 - rate) ** self.period
-            for rate in (self.rate, self.rate / self.variance_slowdown)
-        )
-        return mean, variance
 
 
 class EvidenceConfig(Config):

@@ -11,7 +11,6 @@ from psfs.background.chroma_key import ChromaKey
 from psfs.background.gaussian import Background
 from psfs.cameras.camera import CameraRig
 from psfs.common.system import physical_memory
-from psfs.reference.adaptation import NumpyAdaptation
 from psfs.reference.appearance import NumpyForeground
 from psfs.reference.body_prior import body_evidence, body_location
 from psfs.reference.light import estimate_light
@@ -45,17 +44,12 @@ class NumpyReconstructor:
         body: TrackedBody | None = None,
     ) -> None:
         self.device, self.rig, self.grid, self.background = device, rig, grid, background
-        self._given_background = background  # the light is relative to it, also after adaptation
         self.config = config or ReconstructionConfig()
         silhouette = self.config.silhouette
         scene = background is not None and not isinstance(background, ChromaKey)
         learning = scene and silhouette.appearance.learn
         n_parts = 0 if body is None else body.cones.shape[1]
         self.foreground = NumpyForeground(rig, silhouette, n_parts) if learning else None
-        self.adaptation = None
-        if background is not None and learning and silhouette.adaptation.rate:
-            self.adaptation = NumpyAdaptation(rig, background, silhouette)
-            self.background = self.adaptation.background
         self.body = body
         self._before: int | None = None
         self._latest = np.zeros((len(rig), rig.height, rig.width), np.int8)
@@ -88,10 +82,6 @@ class NumpyReconstructor:
             evidence = self._evidence(frame)
             voxels = self._carve(frame, evidence)
         self.foreground.learn(frame.images, evidence, self.grid, voxels.surface)
-        if self.adaptation is not None:
-            light = self._light(frame)
-            assert light is not None
-            self.adaptation(frame.images, evidence, self.foreground.marked, light)
         return voxels
 
     def _evidence(self, frame: Frame) -> np.ndarray:
@@ -107,13 +97,13 @@ class NumpyReconstructor:
         """Return the frame's light (V, LIGHT_FLOATS); None if its silhouettes need none."""
         if (
             frame.images is None
-            or self._given_background is None
-            or isinstance(self._given_background, ChromaKey)
+            or self.background is None
+            or isinstance(self.background, ChromaKey)
         ):
             return None
         config = self.config.silhouette
         return estimate_light(
-            frame.images, self.rig, self._given_background, config.light, config.background
+            frame.images, self.rig, self.background, config.light, config.background
         )
 
     def _carve(self, frame: Frame, evidence: np.ndarray) -> HostVoxels:

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from psfs.background.config import (
-    AdaptationConfig,
     BackgroundConfig,
     EvidenceConfig,
     LightConfig,
@@ -174,7 +173,6 @@ class SilhouetteConfig(Config):
     smoothing: EvidenceSmoothingConfig = part(EvidenceSmoothingConfig)
     evidence: EvidenceConfig = part(EvidenceConfig)
     appearance: AppearanceConfig = part(AppearanceConfig)
-    adaptation: AdaptationConfig = part(AdaptationConfig)
 
     def without_memory(self) -> SilhouetteConfig:
         """Return these settings with everything off that carries over from one frame to the

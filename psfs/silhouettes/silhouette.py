@@ -9,7 +9,6 @@ import numpy as np
 from cl import Array, Device, Launch
 from cl.signature import Argument
 from cl.workgroups import pixel_pack, row_group, size_defines
-from psfs.background.adaptation import Adaptation, AdaptationArrays
 from psfs.background.chroma_key import ChromaKey, key_launch
 from psfs.background.config import BackgroundConfig
 from psfs.background.light import light_launch, sampled_scene, steady_light
@@ -40,8 +39,7 @@ class Silhouette:
     The foreground is uniform (Song et al.: for the first frame) until `foreground` was fitted to a
     reconstruction. `foreground` is None for masks, for a screen of one colour, and if
     `AppearanceConfig.learn` is off. It has colours of `n_parts` parts beside those of the whole
-    person, if there are any; the caller writes which cells show which. `adaptation`, which lets the
-    background follow the light, is None in the same cases and if `AdaptationConfig.rate` is 0.
+    person, if there are any; the caller writes which cells show which.
     """
 
     def __init__(
@@ -58,7 +56,6 @@ class Silhouette:
         self._n_parts = n_parts
         self.rig, self.background = rig, background
         self.foreground: Foreground | None = None
-        self.adaptation: Adaptation | None = None
         shape = (len(rig), rig.height, rig.width)
         self.evidence = device.empty(shape, np.int8, "the silhouette maps")
         self._sizes = device.to_device(np.array([c.size for c in rig], np.int32), "picture sizes")
@@ -92,13 +89,9 @@ class Silhouette:
         return self.evidence
 
     def restart(self) -> None:
-        """Forget all earlier frames: the person's colours and location, and the drift of the
-        background."""
+        """Forget all earlier frames: the person's colours and location."""
         if self.foreground is not None:
             self.foreground.restart()
-        if self.adaptation is not None:
-            assert self.background is not None
-            self.adaptation.restart(background_planes(self.background, self._config.background))
 
     def _from_pictures(self, background: Background) -> list[Launch]:
         device, rig, config = self.device, self.rig, self._config
@@ -148,7 +141,7 @@ class Silhouette:
         cameras = device.to_device(rig.packed(), "the cameras")
         floor = device.to_device(floor_points(rig, config.floor).astype(np.float32), "the floor")
         if config.appearance.learn:
-            self._learn_into(prior, scene, light)
+            self.foreground = Foreground(device, rig, config, self.input, self.evidence, prior)
         luma = device.empty((len(rig), rig.height, rig.width), np.uint8, "the pictures' luma")
         seen = {"images": self.input, "background": scene, "light": light}
         known = prior._asdict()
@@ -180,17 +173,6 @@ class Silhouette:
             ),
         ]
         return launches, {"luma": luma, **seen, **known}
-
-    def _learn_into(self, prior: ForegroundPrior, scene: Array, light: Array) -> None:
-        """Create the models that carry over from frame to frame: the person's appearance and the
-        background's drift."""
-        device, rig, config, shown = self.device, self.rig, self._config, self.input
-        self.foreground = Foreground(device, rig, config, shown, self.evidence, prior)
-        if config.adaptation.rate:
-            frame = (shown, self.evidence, self.foreground.near, self._sizes)
-            arrays = AdaptationArrays(*frame, light, scene)
-            rates = (config.adaptation, config.background)
-            self.adaptation = Adaptation(device, rig, *rates, arrays)
 
     def _rims(
         self, scene: dict[str, Array], mapped: dict[str, Array], shown: Array

@@ -35,7 +35,6 @@ _OF_FILE = {
     "tiles": "occupancy",
     "pool": "occupancy",
     "appearance": "learning",
-    "adaptation": "learning",
     "silhouette_recall": "likelihood",
     "limb_search": "refinement",
 }
