@@ -212,6 +212,6 @@ def fit_together(started: Sequence[StartedTake], takes: Sequence[Take]) -> list[
     fitted = []
     for start, session, take in zip(started, sessions, takes, strict=False):
         if start.personal:
-            take = fit_personal(start, take, observe_outlines(session))
+            take = fit_personal(start, take, observe_outlines(session, take.tracks[0].frames))
         fitted.append(take)
     return fitted

@@ -1,8 +1,8 @@
 """One session for each of several people, in which the others do not count.
 
-All people are reconstructed together. Who covers which pixel follows from where the bodies are, see
-`psfs.voxels.division`: before they are tracked, that is where their coarse voxels are, and later
-where the tracked bodies are.
+All people are reconstructed together. Who covers which pixel follows from their colours and from
+where they are, see `psfs.voxels.division`: before they are tracked, that is where their coarse
+voxels are, and later where the tracked bodies are.
 """
 
 from __future__ import annotations
