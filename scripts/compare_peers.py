@@ -34,7 +34,7 @@ from peers.results import (
 from timings.grid import replace_marked
 from timings.results import checked_out_commit
 
-from apf.evaluation.evaluate import load_truth
+from apf.evaluation.truth import load_truth
 from cl import Device, InputError, UserError, select_device
 from psfs.cli.commandline import add_message_flags, stderr, warn
 from psfs.cli.program import run_command

@@ -16,24 +16,11 @@ from apf.evaluation.angle_truth import (
     mean_error,
 )
 from apf.evaluation.conventions import axes_that_fit, choose_convention
-from apf.evaluation.evaluate import (
-    LOST_FRAMES,
-    LOST_JOINT,
-    LOST_LIMB,
-    Evaluation,
-    evaluate,
-    load_truth,
-)
+from apf.evaluation.evaluate import LOST_FRAMES, LOST_JOINT, LOST_LIMB, Evaluation, evaluate
 from apf.evaluation.evaluation_plot import write_plot
 from apf.evaluation.marker_truth import evaluate_markers, load_markers
-from apf.evaluation.people import (
-    MATCHED,
-    PeopleEvaluation,
-    evaluate_people,
-    is_of_people,
-    load_followed_truth,
-    load_people_truth,
-)
+from apf.evaluation.people import MATCHED, PeopleEvaluation, evaluate_people, load_followed_truth
+from apf.evaluation.truth import is_of_people, load_people_truth, load_truth
 from apf.formats.c3d import read_c3d
 from apf.formats.trc import JointSeries
 from apf.request import EvaluateRequest

@@ -16,13 +16,8 @@ import numpy as np
 from apf.backend import check_renderer
 from apf.body.model import BodyModel
 from apf.cli.live_start import read_live_people, start_captures, start_replay
-from apf.evaluation.evaluate import load_truth
-from apf.evaluation.people import (
-    evaluate_people,
-    find_followed,
-    is_of_people,
-    load_people_truth,
-)
+from apf.evaluation.people import evaluate_people, find_followed
+from apf.evaluation.truth import is_of_people, load_people_truth, load_truth
 from apf.filters.base import Estimate
 from apf.filters.method import Method
 from apf.formats.trc import JointSeries

@@ -8,7 +8,7 @@ import numpy as np
 
 from apf.body.kinematics import posed_joints
 from apf.evaluation.joint_names import match_joints
-from apf.evaluation.people import load_people_truth
+from apf.evaluation.truth import load_people_truth
 from apf.filters.method import Method
 from apf.initialisation.from_joints import fit_to_joints
 from apf.live.cameras import box_around, open_cameras

@@ -17,16 +17,9 @@ import numpy as np
 
 from apf.body.angles import angles_between
 from apf.evaluation.joint_names import EVALUATED_JOINTS, evaluated_joints
+from apf.evaluation.truth import is_of_people, read_truth
 from apf.tracking.track import Track
-from psfs.common.npz import Values, read_npz
 
-_TRUTH = {
-    "joint_names": Values(("J",), "text"),
-    "joints": Values(("F", "J", 3), finite=False, low=-1e6, high=1e6),
-    "frames": Values(("F",), "int", low=0, needed=False),
-    "bone_names": Values(("B",), "text", needed=False),
-    "bone_rotations": Values(("F", "B", 3, 3), low=-1.01, high=1.01, needed=False),
-}
 #: Names of the bones that carry the segments, of the CMU rigs and of `apf synth`.
 _TRUNK = {
     "pelvis": ("Hips", "pelvis"),
@@ -86,20 +79,14 @@ def load_true_segments(path: str | Path) -> tuple[np.ndarray, dict[str, np.ndarr
     bone's rotation in the world from its rest pose, Z up, beside the joints; None if it has no
     rotations. Raises InputError if it is invalid."""
     path = Path(path)
-    if path.suffix.lower() != ".npz":
+    if path.suffix.lower() != ".npz" or is_of_people(path):
         return None
-    data = read_npz(path, _TRUTH, "an npz with joint_names and joints (frames, joints, 3)")
-    if not {"bone_names", "bone_rotations"} <= set(data):
+    truth = read_truth(path, bones=True)
+    if not truth.rotations:
         return None
-    bones = {
-        str(name): data["bone_rotations"][:, k].astype(np.float64)
-        for k, name in enumerate(data["bone_names"])
-    }
-    joints, _, _ = evaluated_joints(
-        [str(name) for name in data["joint_names"]], data["joints"].astype(np.float64)
-    )
-    frames = data.get("frames", np.arange(len(joints))).astype(np.int64)
-    return frames, _true_frames(bones, joints)
+    (series,) = truth.joints.values()
+    joints, _, _ = evaluated_joints(series.joint_names, series.joints)
+    return series.frames, _true_frames(truth.rotations, joints)
 
 
 def _true_frames(bones: Mapping[str, np.ndarray], joints: np.ndarray) -> dict[str, np.ndarray]:

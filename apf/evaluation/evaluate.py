@@ -14,15 +14,13 @@ from apf.body.limbs import LIMB_ENDS
 from apf.evaluation.angle_truth import AngleError, summarise_angles
 from apf.evaluation.flags import FlagCounts, compute_lost_fractions, flagged_joints
 from apf.evaluation.joint_names import EVALUATED_JOINTS, evaluated_joints, match_joints
-from apf.formats.c3d import read_c3d
 from apf.formats.joint_csv import write_columns
-from apf.formats.trc import JointSeries, read_trc
+from apf.formats.trc import JointSeries
 from apf.tracking.track import Track
 from apf.tracking.uncertainty import is_inside_ellipsoid
 from cl import InputError
 from psfs.common.files import write_json
-from psfs.common.npz import Values, get_scalar, read_npz
-from psfs.common.numbers import drop_origin, find_true_runs, json_number
+from psfs.common.numbers import find_true_runs, json_number
 
 #: A joint farther than this from the truth, m, counts as lost in that frame.
 LOST_JOINT = 0.150
@@ -30,15 +28,6 @@ LOST_JOINT = 0.150
 #: consecutive frames, or in the last frame.
 LOST_LIMB = 0.200
 LOST_FRAMES = 10
-
-
-#: The content of an npz of true joints; m, NaN where missing.
-_TRUTH = {
-    "joint_names": Values(("joints of one person",), "text"),
-    "joints": Values(("frames", "joints of one person", 3), finite=False, low=-1e6, high=1e6),
-    "fps": Values(None, low=1e-3, high=1e5),
-    "frames": Values(("frames",), "int", low=0, needed=False),
-}
 
 
 @dataclass(frozen=True, eq=False)
@@ -203,33 +192,6 @@ class Evaluation:
         names = ["mean_mm", *(f"{name}_mm" for name in self.joint_names)]
         errors = 1000 * np.column_stack([self.frame_errors, self.errors])
         write_columns(path, self.frames, self.fps, dict(zip(names, errors.T, strict=True)), 2)
-
-
-def load_truth(path: str | Path, convention: str = "y-up") -> JointSeries:
-    """Read true joints or markers from a .trc (axes after `convention`), a .c3d or an npz.
-
-    A C3D states its vertical axis, its rate and its frame numbers. The npz holds joint_names (J,),
-    joints (F, J, 3) m, Z up, NaN or 0 0 0 where missing, fps, and may hold frames (F,), the indices
-    in the sequence (default: 0, 1, ...). Raises InputError.
-    """
-    path = Path(path)
-    if path.suffix.lower() == ".c3d":
-        return read_c3d(path)
-    if path.suffix.lower() == ".trc":
-        return read_trc(path, convention)
-    what = "a .trc, .c3d or npz with joint_names, joints (frames, joints, 3) in metres and fps"
-    data = read_npz(path, _TRUTH, what)
-    joints, fps = drop_origin(data["joints"].astype(np.float64)), data["fps"]
-    names = tuple(str(name) for name in data["joint_names"])
-    if len(set(names)) < len(names):
-        twice = next(name for name in names if names.count(name) > 1)
-        raise InputError(f"{path}: joint_names holds {twice} twice; expected names that differ")
-    if fps.size != 1:
-        raise InputError(f"{path}: fps has the shape {fps.shape}; expected one number")
-    frames = data.get("frames", np.arange(len(joints)))
-    if np.any(np.diff(frames) <= 0):
-        raise InputError(f"{path}: frames are not ascending; expected each once, in their order")
-    return JointSeries(names, joints, float(get_scalar(fps)), frames.astype(np.int64))
 
 
 def evaluate(track: Track | JointSeries, truth: JointSeries) -> Evaluation:

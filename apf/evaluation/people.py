@@ -15,27 +15,18 @@ from typing import Any
 
 import numpy as np
 
-from apf.evaluation.evaluate import Evaluation, evaluate, list_warnings, load_truth
+from apf.evaluation.evaluate import Evaluation, evaluate, list_warnings
 from apf.evaluation.joint_names import evaluated_joints
+from apf.evaluation.truth import is_of_people, load_people_truth, load_truth
 from apf.formats.trc import JointSeries
 from apf.tracking.people import PeopleTracks
 from apf.tracking.track import Track
 from cl import InputError
 from psfs.common.files import write_json
 from psfs.common.matching import match_pairs
-from psfs.common.npz import Values, get_scalar, read_npz
 
 #: A track whose joints lie farther than this, m, from a true person's on average is not theirs.
 MATCHED = 0.5
-#: The content of an npz of the true joints of several people; m, NaN where missing.
-_TRUTH = {
-    "joint_names": Values(("joints",), "text"),
-    "person_names": Values(("people",), "text", needed=False),
-    "joints": Values(("frames", "people", "joints", 3), finite=False, low=-1e6, high=1e6),
-    "fps": Values((), low=1e-3, high=1e5),
-    "frames": Values(("frames",), "int", low=0, needed=False),
-}
-_JOINTS_OF_ONE = Values(("frames", "joints", 3), finite=False, low=-1e6, high=1e6)
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,41 +118,6 @@ class PeopleEvaluation:
 
     def write_json(self, path: str | Path) -> None:
         write_json(Path(path), self.summary())
-
-
-def load_people_truth(path: str | Path) -> dict[str, JointSeries]:
-    """Return the true joints of several people, or of one, by name from an npz.
-
-    It holds joint_names (J,), joints (F, P, J, 3) m, Z up, NaN where somebody is absent, fps, and
-    may hold person_names (P,) and frames (F,), see `load_truth`. Joints (F, J, 3) are those of one
-    person. Raises InputError.
-    """
-    path = Path(path)
-    what = "an npz with joint_names, joints (frames, people, joints, 3) in metres and fps"
-    one = _count_axes(path) == 3
-    schema = _TRUTH | ({"joints": _JOINTS_OF_ONE} if one else {})
-    data = read_npz(path, schema, what)
-    joints = data["joints"].astype(np.float64)
-    joints = joints[:, None] if one else joints
-    frames = data.get("frames", np.arange(len(joints))).astype(np.int64)
-    if np.any(np.diff(frames) <= 0):
-        raise InputError(f"{path}: frames are not ascending; expected each once, in their order")
-    numbers = [f"person{k}" for k in range(1, joints.shape[1] + 1)]
-    names = [str(name) for name in data.get("person_names", numbers)]
-    if len(set(names)) < len(names):
-        names = [f"{number} ({name})" for number, name in zip(numbers, names, strict=True)]
-    points, fps = tuple(map(str, data["joint_names"])), float(get_scalar(data["fps"]))
-    return {name: JointSeries(points, joints[:, k], fps, frames) for k, name in enumerate(names)}
-
-
-def is_of_people(path: Path) -> bool:
-    """Return whether a truth is an npz whose joints have an axis for people. Raises InputError."""
-    return path.suffix.lower() == ".npz" and _count_axes(path) == 4
-
-
-def _count_axes(path: Path) -> int:
-    """Return the number of axes of the joints in an npz, 0 without any."""
-    return read_npz(path, {}, "an npz of true joints").get("joints", np.zeros(())).ndim
 
 
 def load_followed_truth(track: Track, path: Path) -> tuple[JointSeries, str]:

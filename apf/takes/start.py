@@ -12,8 +12,8 @@ import numpy as np
 from apf.body.bodytrack import is_bodytrack, read_body
 from apf.body.model import BodyModel
 from apf.body.toml import load_body
-from apf.evaluation.evaluate import load_truth
 from apf.evaluation.joint_names import match_joints
+from apf.evaluation.truth import load_truth
 from apf.formats.pose import check_pose, read_pose
 from apf.initialisation.from_joints import fit_to_joints
 from apf.initialisation.sequence import initialise

@@ -23,15 +23,9 @@ from apf.body.model import BodyModel
 from apf.body.stature import stature
 from apf.body.toml import load_body
 from apf.evaluation.angle_truth import evaluate_angles, load_true_angles
-from apf.evaluation.evaluate import (
-    LIMB_ENDS,
-    LOST_JOINT,
-    LOST_LIMB,
-    Evaluation,
-    evaluate,
-    load_truth,
-)
+from apf.evaluation.evaluate import LIMB_ENDS, LOST_JOINT, LOST_LIMB, Evaluation, evaluate
 from apf.evaluation.joint_names import EVALUATED_JOINTS, evaluated_joints
+from apf.evaluation.truth import load_truth
 from apf.formats.trc import JointSeries
 from apf.initialisation.sequence import initialise
 from apf.initialisation.start import StartError

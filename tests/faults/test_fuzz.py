@@ -27,8 +27,8 @@ from scipy.io import savemat
 
 from apf.body.toml import load_body
 from apf.cluster.connection import _read_scheduler_file
-from apf.evaluation.evaluate import load_truth
 from apf.evaluation.marker_truth import load_markers
+from apf.evaluation.truth import load_truth
 from apf.formats.c3d import write_c3d
 from apf.formats.opensim.model import read_model
 from apf.formats.pose import read_pose

@@ -12,6 +12,7 @@ import pytest
 from helpers.shared import ROOT
 from helpers.striders import strider
 
+from apf.evaluation.truth import load_truth
 from apf.formats.c3d import write_c3d
 from apf.formats.trc import JointSeries
 from cl import InputError
@@ -20,8 +21,6 @@ from psfs.cameras.calibration import read_calibration
 sys.path.insert(0, str(ROOT / "scripts"))
 from accuracy.datasets import _UPRIGHT, _make_human36m_cameras, prepare_dataset
 from accuracy.suite import suite_folders, true_stature
-
-from apf.evaluation.evaluate import load_truth
 
 _LIMBS = ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")
 #: World to camera: 3 m away, x to the right, looking along the world's y.

@@ -20,7 +20,7 @@ from helpers.shared import ROOT
 
 import psfs
 from apf.body.toml import load_body
-from apf.evaluation.evaluate import load_truth
+from apf.evaluation.truth import load_truth
 from apf.formats.trc import JointSeries
 from apf.presets import Preset
 from apf.synthetic.generate import generate

@@ -16,7 +16,8 @@ import apf.tracking.pipeline
 from apf.body.toml import load_body
 from apf.cli import main
 from apf.cli.batch import make_jobs
-from apf.evaluation.evaluate import evaluate, load_truth
+from apf.evaluation.evaluate import evaluate
+from apf.evaluation.truth import load_truth
 from apf.request import BatchRequest
 from apf.tracking.track import Track
 

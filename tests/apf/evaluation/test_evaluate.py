@@ -14,9 +14,10 @@ from helpers import tracks
 from helpers.shared import shared_data
 
 from apf.cli import main
-from apf.evaluation.evaluate import evaluate, load_truth
+from apf.evaluation.evaluate import evaluate
 from apf.evaluation.evaluation_plot import write_plot
 from apf.evaluation.joint_names import EVALUATED_JOINTS, match_joints
+from apf.evaluation.truth import load_truth
 from apf.formats.trc import JointSeries, read_trc
 from apf.formats.writers import WRITERS
 from cl import InputError

@@ -14,8 +14,9 @@ from helpers.striders import track_of_poses
 from apf.body.kinematics import bone_matrices
 from apf.body.stature import stature
 from apf.cli import main
-from apf.evaluation.evaluate import evaluate, load_truth
+from apf.evaluation.evaluate import evaluate
 from apf.evaluation.marker_truth import evaluate_markers, load_markers
+from apf.evaluation.truth import load_truth
 from apf.formats.c3d import read_c3d
 from apf.formats.trc import CONVENTIONS
 from apf.keypoints.landmarks import locate_points

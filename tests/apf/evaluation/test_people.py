@@ -12,7 +12,8 @@ import pytest
 from helpers import tracks
 
 from apf.cli import main
-from apf.evaluation.people import evaluate_people, evaluate_tracks, load_people_truth
+from apf.evaluation.people import evaluate_people, evaluate_tracks
+from apf.evaluation.truth import load_people_truth
 from apf.formats.trc import JointSeries
 from apf.tracking.people import PeopleTracks
 from apf.tracking.track import Track

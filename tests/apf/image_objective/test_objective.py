@@ -13,8 +13,8 @@ from helpers.shared import shared_data
 
 from apf.body.model import BodyModel
 from apf.body.toml import load_body
-from apf.evaluation.evaluate import load_truth
 from apf.evaluation.joint_names import match_joints
+from apf.evaluation.truth import load_truth
 from apf.image_objective.config import OBJECTIVE_KINDS, ObjectiveConfig
 from apf.image_objective.objective import ImageObjective
 from apf.image_objective.renderer import cone_edges, whole_pictures

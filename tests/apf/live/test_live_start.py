@@ -11,7 +11,7 @@ from helpers import tracks
 
 from apf.cli import live_start
 from apf.cli.live import compare_with_truth
-from apf.evaluation.people import load_people_truth
+from apf.evaluation.truth import load_people_truth
 from apf.live.session import LiveResult
 from psfs.people.people import People
 

@@ -12,7 +12,7 @@ from helpers import tracks
 from apf.body.kinematics import posed_cones, posed_joints
 from apf.body.model import BodyModel, plain_name
 from apf.body.toml import load_body
-from apf.evaluation.evaluate import load_truth
+from apf.evaluation.truth import load_truth
 from apf.initialisation.from_joints import fit_to_joints
 from apf.keypoints.keypoints import Keypoints
 from apf.report.agreement import (

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from apf.evaluation.people import load_people_truth
+from apf.evaluation.truth import load_people_truth
 from apf.reference.synthetic.scene import silhouette
 from apf.synthetic.config import SceneConfig
 from apf.synthetic.gait import GaitModel
