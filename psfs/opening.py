@@ -69,10 +69,12 @@ def examine_footage(
 
     Return the examination, the request with what was found (the cameras that were kept, and the
     shifts of late ones), so that a run that is opened again is the same, and the warnings. Raises
-    InputError if `person` is true and the unit gives a size that no person has.
+    InputError if fewer than two cameras show anything, or if `person` is true and the unit gives a
+    size that no person has.
     """
     opened = session.sequence
     found = examine(session, request.all_cameras)
+    found.check_sight()
     sequence = found.session.sequence
     unit = [str(fault) for fault in found.faults if fault.kind == "unit"]
     if unit and person:

@@ -128,10 +128,15 @@ def run_track(
     if corrected is not None:
         progress.n_frames = len(corrected.track)
         return [_track_person(job, examination, None, corrected)]
-    persons = find_persons(job, session, given)
-    if persons is None:
-        return [_track_person(job, examination, given)]
-    return _track_people(job, examination, persons)
+    try:
+        persons = find_persons(job, session, given)
+        if persons is None:
+            return [_track_person(job, examination, given)]
+        return _track_people(job, examination, persons)
+    except InputError as error:
+        if examination.of_all is None:
+            raise
+        raise InputError(f"{error}; the likely cause: {examination.of_all}") from None
 
 
 def _track_people(job: TrackJob, examination: Examination, persons: Persons) -> list[FinishedTake]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from dataclasses import dataclass
 
+from cl import InputError
 from psfs.diagnostics.alignment import correct_rig
 from psfs.diagnostics.fault import Fault
 from psfs.diagnostics.faults import Diagnosis, diagnose
@@ -34,6 +35,21 @@ class Examination:
         return [] if self.diagnosis is None else self.diagnosis.faults
 
     @property
+    def of_all(self) -> Fault | None:
+        """The first fault that leaving out one camera cannot mend; None without any."""
+        return None if self.diagnosis is None else self.diagnosis.of_all
+
+    def check_sight(self) -> None:
+        """Raise InputError if the pictures of all cameras but one, or of all, show nothing."""
+        blind = () if self.diagnosis is None else self.diagnosis.blind
+        n_cameras = 0 if self.diagnosis is None else len(self.diagnosis.views.rig)
+        if blind and len(blind) + 1 >= n_cameras:
+            raise InputError(
+                f"{self.session.sequence.name}: {len(blind)} of {n_cameras} cameras show nothing "
+                f"of a person, expected two or more that do; {blind[0]}"
+            )
+
+    @property
     def warnings(self) -> list[str]:
         """The cameras left out and the other serious faults, one line each."""
         return [*(f"left out: {fault}" for fault in self.left_out), *self.remaining]
@@ -56,7 +72,7 @@ def examine(session: Session, all_cameras: bool = False) -> Examination:
     """
     session = synchronise(session)
     diagnosis = diagnose(session)
-    if diagnosis.concerns_all:
+    if diagnosis.of_all is not None:
         return Examination(session, diagnosis)
     left_out = diagnosis.left_out
     if all_cameras or session.sequence.settings.cameras is not None:

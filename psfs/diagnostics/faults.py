@@ -37,18 +37,29 @@ class Diagnosis:
         return {fault.cameras[0]: fault.offset for fault in self.faults if fault.offset}
 
     @property
-    def concerns_all(self) -> bool:
-        """Whether a fault remains that leaving out one camera cannot mend."""
-        return any(
-            fault.kind in _OF_ALL or (fault.kind == "disagrees" and not fault.cameras)
-            for fault in self.faults
+    def of_all(self) -> Fault | None:
+        """The first fault that leaving out one camera cannot mend; None without any."""
+        return next(
+            (
+                fault
+                for fault in self.faults
+                if fault.kind in _OF_ALL or (fault.kind == "disagrees" and not fault.cameras)
+            ),
+            None,
         )
 
     @property
+    def blind(self) -> tuple[Fault, ...]:
+        """The faults of cameras whose pictures show nothing."""
+        return tuple(fault for fault in self.faults if fault.kind == "empty" and fault.cameras)
+
+    @property
     def left_out(self) -> tuple[Fault, ...]:
-        """The faults by which cameras tell nothing or mislead; none of more than a third."""
-        spoilt = [fault for fault in self.faults if fault.spoils]
-        return tuple(spoilt) if 3 * len(spoilt) <= len(self.views.rig) else ()
+        """The faults by which cameras tell nothing or mislead: all that are blind, and others as
+        long as they are no more than a third."""
+        spoilt, most = tuple(fault for fault in self.faults if fault.spoils), len(self.views.rig)
+        found = spoilt if 3 * len(spoilt) <= most else self.blind
+        return found if len(found) + 2 <= most else ()
 
 
 def diagnose(session: Session) -> Diagnosis:
