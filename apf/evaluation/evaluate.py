@@ -6,13 +6,12 @@ import warnings
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from apf.body.limbs import LIMB_ENDS
+from apf.body.limbs import LIMB_ENDS, limb_joints, limb_names
 from apf.evaluation.angle_truth import AngleError, summarise_angles
-from apf.evaluation.flags import FlagCounts, compute_lost_fractions, flagged_joints
 from apf.evaluation.joint_names import EVALUATED_JOINTS, evaluated_joints, match_joints
 from apf.formats.joint_csv import write_columns
 from apf.formats.trc import JointSeries
@@ -28,6 +27,26 @@ LOST_JOINT = 0.150
 #: consecutive frames, or in the last frame.
 LOST_LIMB = 0.200
 LOST_FRAMES = 10
+
+
+class FlagCounts(NamedTuple):
+    """Numbers of limb-frames: reported as lost and all, of those with an error above 200 mm;
+    reported as lost and all, of those with an error below 150 mm."""
+
+    far_flagged: int
+    far: int
+    near_flagged: int
+    near: int
+
+    @property
+    def found(self) -> float:
+        """Share of the wrong limb-frames that are reported; NaN if there are none."""
+        return self.far_flagged / self.far if self.far else float("nan")
+
+    @property
+    def falsely(self) -> float:
+        """Share of the right limb-frames that are reported; NaN if there are none."""
+        return self.near_flagged / self.near if self.near else float("nan")
 
 
 @dataclass(frozen=True, eq=False)
@@ -273,9 +292,31 @@ def evaluate_points(
         unmatched_truth=(),
         n_ignored=int(missing.sum()),
         warnings=list_warnings(track.frames, truth),
-        predicted_lost_fraction=compute_lost_fractions(track, rows[compared]),
-        flagged=flagged_joints(track, names)[rows][compared][:, with_truth],
+        predicted_lost_fraction=_compute_lost_fractions(track, rows[compared]),
+        flagged=_flagged_joints(track, names)[rows][compared][:, with_truth],
     )
+
+
+def _flagged_joints(track: Track | JointSeries, names: tuple[str, ...]) -> np.ndarray:
+    """Return (F, J) bool: which joints belong to limbs that the track reports as lost. Points that
+    are no joints of the track belong to none."""
+    found = np.zeros((len(track.frames), len(names)), bool)
+    if isinstance(track, Track) and track.body is not None:
+        columns, gone = match_joints(track.joint_names), track.lost_limbs @ limb_joints(track.body)
+        for j, name in enumerate(names):
+            if name in columns:
+                found[:, j] = gone[:, columns[name]]
+    return found
+
+
+def _compute_lost_fractions(track: Track | JointSeries, rows: np.ndarray) -> dict[str, float]:
+    """Return the share of `rows` in which the track reports a limb as lost, by limb; limbs that are
+    never lost are left out."""
+    if not isinstance(track, Track) or track.body is None:
+        return {}
+    shares = track.lost_limbs[rows].mean(axis=0)
+    found = dict(zip(limb_names(track.body), shares.tolist(), strict=True))
+    return {name: share for name, share in found.items() if share}
 
 
 def _reported_covariance(track: Track | JointSeries, names: tuple[str, ...]) -> np.ndarray:

@@ -65,28 +65,25 @@ class Rearranged(FaultKind):
         before = tangency.compare()
         if len(evidence.sound) < 2 or not math.isfinite(before.cost):
             return
+        late = evidence.offsets.any()
         tried = [*_try_flips(evidence, before), *_try_conventions(evidence)]
         order = _find_order(evidence, before)
         if order != list(range(len(order))):
             tried.append(_describe_exchange(evidence.names, order, tangency.compare(order)))
-        rate = evidence.config.false_alarms / max(len(tried), 1)
+        elif not late:
+            tried += _try_lenses(evidence)
+        rate = evidence.config.false_alarms / len(tried)
+        alone = min((before.without(v) for v in evidence.sound), default=np.inf)
+        least = (1 - _LEAST_GAIN) * (evidence.in_time.cost if late else np.inf)
         fitting = [
             trial
             for trial in tried
             if significant(before.measure_gain(trial.after, trial.views), _LEAST_GAIN, rate)
-        ]
-        alone = min((before.without(v) for v in evidence.sound), default=np.inf)
-        in_time = evidence.in_time.cost if evidence.offsets.any() else np.inf
-        fitting = [
-            trial
-            for trial in fitting
-            if trial.after.cost < (1 - _LEAST_GAIN) * in_time
+            and trial.after.cost < least
             and not (len(trial.views) > 2 and trial.after.cost > (1 - _LEAST_GAIN) * alone)
         ]
         if fitting:
             yield min(fitting, key=lambda trial: trial.after.cost).fault
-        elif not evidence.offsets.any():
-            yield from _find_dropped_distortion(evidence, before)
 
 
 def _find_order(evidence: Evidence, before: PairSums) -> list[int]:
@@ -156,41 +153,40 @@ def _try_conventions(evidence: Evidence) -> Iterator[_Trial]:
             yield _Trial(Fault("convention", (), text), evidence.sound, after)
 
 
-def _find_dropped_distortion(evidence: Evidence, before: PairSums) -> Iterator[Fault]:
-    """Find the cameras whose distortion the calibration lacks, all or one.
+def _try_lenses(evidence: Evidence) -> Iterator[_Trial]:
+    """Yield the distortions that the calibration may lack, of all cameras or of one.
 
-    If no camera has a distortion, those of wide lenses are tried for all at once; they must fit
-    better than other focal lengths, which move silhouettes alike. If only some have none, the
-    median of the others' is tried for each.
+    If no camera has a distortion, those of wide lenses are tried for all at once, unless another
+    focal length, which moves silhouettes alike, fits as well. If only some have none, the median
+    of the others' is tried for each.
     """
-    rig, rate = evidence.rig, evidence.config.false_alarms
+    rig, views, names = evidence.rig, evidence.sound, evidence.names
     plain = [view for view, camera in enumerate(rig) if not camera.lens.any()]
 
     def compare(cameras: Iterable[Camera]) -> PairSums:
         return Tangency(CameraRig(tuple(cameras)), evidence.tangency.outlines).compare()
 
     if len(plain) == len(rig):
-        others = [before, *(compare(_scale(c, factor) for c in rig) for factor in _FOCAL_FACTORS)]
-        wide = {k1: compare(_bend(c, [k1, 0, 0, 0, 0]) for c in rig) for k1 in _DISTORTIONS}
-        k1 = min(wide, key=lambda value: wide[value].cost)
-        gains = [other.measure_gain(wide[k1], evidence.sound) for other in others]
-        if all(significant(gain, _LEAST_GAIN, rate / len(_DISTORTIONS)) for gain in gains):
+        focal = [compare(_scale(c, factor) for c in rig) for factor in _FOCAL_FACTORS]
+        refocused = min(focal, key=lambda sums: sums.cost)
+        for k1 in _DISTORTIONS:
+            after = compare(_bend(camera, [k1, 0, 0, 0, 0]) for camera in rig)
+            gain = refocused.measure_gain(after, views)
+            if significant(gain, _LEAST_GAIN, evidence.config.false_alarms / len(_DISTORTIONS)):
+                text = (
+                    f"the calibration states no lens distortion, but silhouettes fit with k1 = "
+                    f"{k1:g}; write the lenses' distortion into the calibration"
+                )
+                yield _Trial(Fault("lens", (), text), views, after)
+    elif 2 * len(plain) < len(rig):
+        usual = np.median([camera.distortion for camera in rig if camera.lens.any()], axis=0)
+        for view in plain:
             text = (
-                f"the calibration states no lens distortion, but silhouettes fit with k1 = {k1:g}; "
-                "write the lenses' distortion into the calibration"
+                f"camera {names[view]} has no lens distortion, and its silhouettes fit with that "
+                f"of the other cameras (k1 = {usual[0]:.2g}); write its own into the calibration"
             )
-            yield Fault("lens", (), text)
-        return
-    usual = np.median([camera.distortion for camera in rig if camera.lens.any()], axis=0)
-    for view in plain if 2 * len(plain) < len(rig) else ():
-        after = compare(_bend(c, usual) if v == view else c for v, c in enumerate(rig))
-        if significant(before.measure_gain(after, [view]), _LEAST_GAIN, rate / len(plain)):
-            name = evidence.names[view]
-            text = (
-                f"camera {name} has no lens distortion, and its silhouettes fit with that of the "
-                f"other cameras (k1 = {usual[0]:.2g}); write its own into the calibration"
-            )
-            yield Fault("lens", (name,), text)
+            after = compare(_bend(c, usual) if v == view else c for v, c in enumerate(rig))
+            yield _Trial(Fault("lens", (names[view],), text), [view], after)
 
 
 def _bend(camera: Camera, distortion: object) -> Camera:

@@ -20,10 +20,9 @@ from psfs.common.least_squares import Parameters, Residuals, Slope, solve
 from psfs.common.progress import map_in_threads
 from psfs.diagnostics.config import LimbConfig
 from psfs.diagnostics.frontier import SilhouetteContours
-from psfs.diagnostics.hulls import HullRays
+from psfs.diagnostics.hulls import HullRays, PersonPlace, Sight, find_person
 from psfs.diagnostics.medial_axes import OPPOSITE, MedialAxes
 from psfs.diagnostics.refinement import N_PARAMETERS, Further
-from psfs.diagnostics.sights import PersonPlace, Sight, find_person
 from psfs.footage.camera_times import INDEPENDENT_SHARE
 
 #: Widths of limbs, statures, and the greatest ratio of a limb's widths in two cameras.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from itertools import combinations
+from itertools import combinations, product
 
 import cv2
 import numpy as np
@@ -158,37 +158,35 @@ def _find_other_views(evidence: Evidence) -> Iterator[Fault]:
     pairs."""
     views, names = evidence.views, evidence.names
     alike = np.full((len(names), len(names)), -1.0)
-    for a in evidence.sound:
-        for b in evidence.sound:
-            if views.rig[a].size == views.rig[b].size:
-                alike[a, b] = _correlate(_crop(evidence, views.typical, a), _backdrop(evidence, b))
+    for a, b in product(evidence.sound, repeat=2):
+        if views.rig[a].size == views.rig[b].size:
+            alike[a, b] = _correlate(_crop(evidence, views.typical, a), _backdrop(evidence, b))
     for view in evidence.sound:
-        own, fits = alike[view, view], int(alike[view].argmax())
+        name, fit, best = names[view], alike[view, view], int(alike[view].argmax())
         picture, background = _crop(evidence, views.typical, view), _backdrop(evidence, view)
         flips = {"mirrored": picture[:, ::-1], "upside down": picture[::-1, ::-1]}
-        flip = max(flips, key=lambda way: _correlate(flips[way], background))
-        best = _correlate(flips[flip], background)
-        if best > _SAME_VIEW and best > own + _GAIN:
-            text = f"camera {names[view]}: its pictures are {flip} relative to its background; "
-            yield Fault("background", (names[view],), f"{text}turn those that are wrong")
-        elif own >= _SAME_VIEW / 2:
+        flipped = {flip: _correlate(other, background) for flip, other in flips.items()}
+        flip = max(flipped, key=flipped.__getitem__)
+        if flipped[flip] > max(_SAME_VIEW, fit + _GAIN):
+            text = f"its pictures are {flip} relative to its background; turn those that are wrong"
+        elif fit >= _SAME_VIEW / 2:
             continue
-        elif alike[view, fits] > _SAME_VIEW:
-            if alike[fits].argmax() == view and fits < view:
-                continue  # reported with the first of the two
-            one, two = names[view], names[fits]
-            text = (
-                f"cameras {one} and {two} look exchanged: the pictures of {one} show what the "
-                f"background of {two} shows; exchange the files"
-            )
-            yield Fault("exchange", (one, two) if alike[fits].argmax() == view else (one,), text)
+        elif alike[view, best] > _SAME_VIEW:
+            mutual = bool(alike[best].argmax() == view)
+            if not (mutual and best < view):  # reported with the first of the two
+                text = (
+                    f"cameras {name} and {names[best]} look exchanged: the pictures of {name} show "
+                    f"what the background of {names[best]} shows; exchange the files"
+                )
+                yield Fault("exchange", (name, names[best]) if mutual else (name,), text)
+            continue
         else:
             text = (
-                f"camera {names[view]}: its pictures and its background show different views "
-                f"(correlation {own:.2f}, expected above {_SAME_VIEW / 2:.2f}); film the empty "
-                "scene again, or take --background frames"
+                f"its pictures and its background show different views (correlation {fit:.2f}, "
+                f"expected above {_SAME_VIEW / 2:.2f}); film the empty scene again, or take "
+                "--background frames"
             )
-            yield Fault("background", (names[view],), text)
+        yield Fault("background", (name,), f"camera {name}: {text}")
 
 
 def _crop(evidence: Evidence, pictures: np.ndarray, view: int) -> np.ndarray:

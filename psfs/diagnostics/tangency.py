@@ -8,7 +8,7 @@ needs only a few convex hulls, no voxels and no matched points.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -155,20 +155,40 @@ class Tangency:
         those of `mirrored` cameras flipped left to right,
         those of `turned` ones upside down. base: of the same order without flips; only
         pairs of flipped cameras are compared again."""
-        n = len(self.rig)
-        order = order or range(n)
+        order = order or range(len(self.rig))
         ways = {**dict.fromkeys(mirrored, (-1, 1)), **dict.fromkeys(turned, (-1, -1))}
+
+        def planes(camera: int, other: int) -> np.ndarray:
+            return self.planes(camera, order[camera], other, ways.get(camera, (1, 1)))
+
+        return self._compare_pairs(planes, None if base is None else list(ways), base)
+
+    def turn(self, camera: int, rotation: np.ndarray) -> PairSums:
+        """Compare the pairs of one camera after its rays were turned by `rotation` (3, 3)."""
+        rays = self.rays(camera, camera) @ rotation.T
+
+        def planes(view: int, other: int) -> np.ndarray:
+            if view == camera:
+                return self._extreme_planes(camera, rays, camera, other)
+            return self.planes(view, view, other)
+
+        return self._compare_pairs(planes, [camera])
+
+    def _compare_pairs(
+        self,
+        planes: Callable[[int, int], np.ndarray],
+        views: Sequence[int] | None = None,
+        base: PairSums | None = None,
+    ) -> PairSums:
+        """Compare the planes (F, 2) of pairs of cameras: of all, or of those with one of `views`;
+        the others are those of `base`."""
+        n = len(self.rig)
         sums, counts = np.zeros((_BLOCKS, n, n)), np.zeros((_BLOCKS, n, n))
         if base is not None:
             sums, counts = base.sums.copy(), base.counts.copy()
-        for a in range(n):
-            for b in range(a):
-                known = base is not None and a not in ways and b not in ways
-                if known or not self.comparable(a, b):
-                    continue
-                first = self.planes(a, order[a], b, ways.get(a, (1, 1)))
-                second = self.planes(b, order[b], a, ways.get(b, (1, 1)))
-                apart, there = self._difference(first, second)
+        for a, b in combinations(range(n), 2):
+            if (views is None or a in views or b in views) and self.comparable(a, b):
+                apart, there = self._difference(planes(a, b), planes(b, a))
                 sums[:, a, b] = sums[:, b, a] = apart
                 counts[:, a, b] = counts[:, b, a] = there
         return PairSums(sums, counts)
@@ -212,18 +232,6 @@ class Tangency:
         sums, counts = np.zeros(_BLOCKS), np.zeros(_BLOCKS)
         sums[: len(starts)], counts[: len(starts)] = (np.add.reduceat(x, starts) for x in parts)
         return sums, counts
-
-    def turn(self, camera: int, rotation: np.ndarray) -> PairSums:
-        """Compare the pairs of one camera after its rays were turned by `rotation` (3, 3)."""
-        n, rays = len(self.rig), self.rays(camera, camera) @ rotation.T
-        sums, counts = np.zeros((_BLOCKS, n, n)), np.zeros((_BLOCKS, n, n))
-        for other in range(n):
-            if other != camera and self.comparable(camera, other):
-                turned = self._extreme_planes(camera, rays, camera, other)
-                apart, there = self._difference(turned, self.planes(other, other, camera))
-                sums[:, camera, other] = sums[:, other, camera] = apart
-                counts[:, camera, other] = counts[:, other, camera] = there
-        return PairSums(sums, counts)
 
     def _axis(self, a: int, b: int) -> tuple[np.ndarray, np.ndarray, float]:
         """Return two directions perpendicular to the line between two cameras, the first towards

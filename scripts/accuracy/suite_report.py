@@ -20,7 +20,7 @@ from accuracy.ablation import ABLATIONS
 from accuracy.runs import Results, Run, Setting
 from apf.body.model import sideless
 from apf.evaluation.angle_truth import UNDEFINED
-from apf.evaluation.flags import FlagCounts
+from apf.evaluation.evaluate import FlagCounts
 from psfs.common.files import write_atomically, write_text
 
 _NOTE = (

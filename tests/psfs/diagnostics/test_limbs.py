@@ -11,10 +11,10 @@ from psfs.cameras.camera import Camera
 from psfs.common.least_squares import solve
 from psfs.diagnostics.config import LimbConfig
 from psfs.diagnostics.frontier import SilhouetteContours
+from psfs.diagnostics.hulls import PersonPlace
 from psfs.diagnostics.limbs import LimbPoints
 from psfs.diagnostics.medial_axes import MedialAxes
 from psfs.diagnostics.refinement import correct_cameras
-from psfs.diagnostics.sights import PersonPlace
 from psfs.diagnostics.small_views import Outline
 
 UP, FRAMES, CONFIG = np.array([0, 0, 1.0]), 16, LimbConfig()

@@ -13,7 +13,7 @@ from cl import Device, InputError, NumpyDevice
 from psfs.backend import make_reconstructor
 from psfs.cameras.cells import CELL, cell_rays
 from psfs.common.cones import cone_distances, largest_slopes, ray_cone_distances
-from psfs.diagnostics.body_agreement import check_body, share_on_silhouettes
+from psfs.opening import check_body, share_on_silhouettes
 from psfs.reference.body_prior import body_evidence, body_location
 from psfs.reference.surface import occupancy, smooth
 from psfs.sequence import Frame
