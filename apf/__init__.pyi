@@ -12,10 +12,10 @@ from .body.toml import load_body as load_body
 from .body.toml import save_body as save_body
 from .evaluation.evaluate import Evaluation as Evaluation
 from .evaluation.evaluate import evaluate as evaluate
-from .evaluation.evaluate import load_truth as load_truth
 from .evaluation.people import PeopleEvaluation as PeopleEvaluation
 from .evaluation.people import evaluate_people as evaluate_people
-from .evaluation.people import load_people_truth as load_people_truth
+from .evaluation.truth import load_people_truth as load_people_truth
+from .evaluation.truth import load_truth as load_truth
 from .filters.annealed import AnnealedParticleFilter as AnnealedParticleFilter
 from .filters.base import Estimate as Estimate
 from .filters.base import Tracker as Tracker

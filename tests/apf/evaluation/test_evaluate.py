@@ -15,7 +15,6 @@ from helpers.shared import shared_data
 
 from apf.cli import main
 from apf.evaluation.evaluate import evaluate
-from apf.evaluation.evaluation_plot import write_plot
 from apf.evaluation.joint_names import EVALUATED_JOINTS, match_joints
 from apf.evaluation.truth import load_truth
 from apf.formats.trc import JointSeries, read_trc
@@ -27,17 +26,6 @@ def moved(truth: JointSeries, joint: str, offset: list[float], rows: slice) -> J
     joints = truth.joints.copy()
     joints[rows, truth.joint_names.index(joint)] += offset
     return replace(truth, joints=joints)
-
-
-def test_perfect_track() -> None:
-    track = tracks.walker()
-    evaluation = evaluate(track, tracks.truth_of(track))
-    assert evaluation.joint_names == EVALUATED_JOINTS
-    assert evaluation.mean_error == 0
-    assert evaluation.lost_share == 0
-    assert not any(evaluation.lost_limbs.values())
-    assert evaluation.unmatched_truth == ()
-    assert evaluation.warnings == ()
 
 
 def test_mean_and_lost_share() -> None:
@@ -221,13 +209,6 @@ def test_command_writes_only_what_is_chosen(folder: Path) -> None:
     assert [p.name for p in (folder / "out").iterdir()] == ["track.npz"]
 
 
-def test_plot_of_one_frame_with_a_lost_joint(tmp_path: Path) -> None:
-    track = tracks.walker(frames=1)
-    truth = moved(tracks.truth_of(track), "l_wrist", [0.4, 0, 0], slice(None))
-    write_plot(tmp_path / "a.png", evaluate(track, truth))
-    assert cv2.imread(str(tmp_path / "a.png")) is not None
-
-
 @pytest.mark.parametrize(
     ("track", "truth", "extra", "message"),
     [
@@ -276,12 +257,6 @@ def test_bad_input_is_one_line_and_exit_code_2(
     assert captured.err.count("\n") == 1
     assert captured.out == ""
     assert [p.name for p in (folder / "out").iterdir()] == ["track.npz"]
-
-
-def test_output_folder_that_is_a_file(folder: Path, capsys) -> None:
-    args = ["evaluate", str(folder / "out"), "--truth", str(folder / "truth.npz")]
-    assert main([*args, "-o", str(folder / "truth.trc")]) == 2
-    assert "is a file; expected a folder" in capsys.readouterr().err
 
 
 def test_the_stated_ellipsoids_are_judged() -> None:

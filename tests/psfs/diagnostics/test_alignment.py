@@ -11,7 +11,7 @@ from helpers import scenes
 
 from psfs.cameras.camera import CameraRig
 from psfs.cameras.rig_geometry import intersect_axes_ahead
-from psfs.diagnostics.alignment import estimate_alignment, mark_hidden_points, shrink_hidden
+from psfs.diagnostics.alignment import estimate_alignment, mark_hidden_points
 from psfs.diagnostics.config import AlignmentConfig
 from psfs.diagnostics.frontier import (
     FrontierPoints,
@@ -111,14 +111,6 @@ def test_tips_are_matched_at_the_nominal_time(outlines: list[list[Outline | None
     assert np.abs(second.rates).mean() > 1.3 * np.abs(first.rates).mean()
 
 
-def test_small_pictures_tell_the_large_rig() -> None:
-    rig = off(EXACT, 0.5)
-    found = estimate_alignment(rig, rig.scaled(0.5), outlines_of(EXACT.scaled(0.5), 45))
-    assert found is not None
-    assert found.rig[0].size == rig[0].size
-    assert pixels_apart(found.rig, EXACT) < 0.6 * pixels_apart(rig, EXACT)
-
-
 def test_an_exact_rig_stays(outlines: list[list[Outline | None]]) -> None:
     found = estimate_alignment(EXACT, EXACT, outlines)
     assert found is not None and not found.is_accepted()
@@ -160,17 +152,6 @@ def test_what_silhouettes_cannot_tell_is_held() -> None:
     shifted[:, 3:6], shifted[:, 7] = [0.1, 0.2, -0.3], 0.25
     held = measure_scene_motion(EXACT) @ shifted.ravel()
     np.testing.assert_allclose(held, [0.1, 0.2, -0.3, 0, 0, 0, 0, 0.25], atol=1e-6)
-
-
-def test_hidden_pixels_shrink_with_their_camera() -> None:
-    rig = CameraRig((EXACT[0], EXACT[1].scaled(0.5)))
-    assert shrink_hidden(rig, rig) is None
-    hidden = np.zeros((2, rig.height, rig.width), bool)
-    hidden[1, 40:80, 100:200] = True
-    reduced = shrink_hidden(rig.with_hidden(hidden), rig.scaled(0.5))
-    assert reduced is not None and not reduced[0].any()
-    y, x = np.nonzero(reduced[1])
-    assert [y.min(), y.max() + 1, x.min(), x.max() + 1] == pytest.approx([20, 40, 50, 100], abs=1)
 
 
 def test_outlines_end_at_furniture(outlines: list[list[Outline | None]]) -> None:

@@ -15,10 +15,7 @@ import pytest
 from helpers import scenes
 from helpers.shared import shared_data
 
-import apf.cli
 import psfs
-from apf.body.toml import load_body
-from apf.tracking.settings import DEFAULT_BODY
 from psfs.cameras.calibration.toml_tables import write_toml_tables
 from psfs.cli import main
 from psfs.diagnostics.agreement import HullAgreement
@@ -167,16 +164,3 @@ def test_the_library_leaves_it_out_too(late_walk: Path, caplog: pytest.LogCaptur
     ):
         (cloud,) = psfs.reconstruct(sequence, all_cameras=everyone, **few)
         assert without.volume > cloud.volume and "left out" not in caplog.text
-
-
-@pytest.mark.parametrize("flags", [(), ("--all-cameras",)])
-def test_tracking_leaves_a_late_camera_out(
-    late_walk: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], flags: tuple[str, ...]
-) -> None:
-    folder, pose = late_walk, tmp_path / "pose.txt"
-    np.savetxt(pose, load_body(DEFAULT_BODY).rest_pose)
-    small = ["--frames", "0:2", "--particles", "40", "--layers", "2", "--objective", "sp"]
-    command = ["track", str(folder), "-o", str(tmp_path / "out"), "--init", str(pose)]
-    assert apf.cli.main([*command, *small, "--no-overlay", "--no-report", *flags]) == 0
-    warned = "left out: camera c2 disagrees" in capsys.readouterr().err
-    assert warned == (not flags)

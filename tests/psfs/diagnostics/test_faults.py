@@ -174,13 +174,6 @@ def test_leaving_a_camera_out_keeps_the_match_by_order(tmp_path: Path, masks: np
     np.testing.assert_array_equal(kept > 0, masks[2, [0, 3, 4]] > 0)
 
 
-def test_a_camera_that_hangs(tmp_path: Path, masks: np.ndarray) -> None:
-    spoilt = masks.copy()
-    spoilt[:, 2] = masks[FRAMES // 2, 2]
-    (fault,) = faults(write(tmp_path / "a", spoilt))
-    assert fault.kind == "repeats" and fault.cameras == ("c2",)
-
-
 def test_a_camera_that_hangs_for_a_while(tmp_path: Path, masks: np.ndarray) -> None:
     spoilt = masks.copy()
     spoilt[FRAMES // 2 :, 2] = masks[FRAMES // 2, 2]
@@ -327,34 +320,6 @@ def test_a_turned_camera(tmp_path: Path, masks: np.ndarray) -> None:
     (fault,) = faults(write(tmp_path / "a", masks, CameraRig(tuple(cameras))))
     assert fault.kind == "disagrees" and fault.cameras == ("c3",)
     assert "3.6 degrees" in str(fault)
-
-
-def test_frame_rates_that_differ_pair_by_time(tmp_path: Path) -> None:
-    """The grey levels say which frame is shown."""
-    folder = footage.native(tmp_path / "a", views=3, frames=12)
-    levels = [footage.grey(frame, 1) for frame in range(0, 12, 2)]
-    footage.write_video(folder / "videos" / "cam02.mp4", levels, fps=12.5)
-    sequence = Sequence.open(folder, background="gaussian")
-    assert sequence.fps == pytest.approx(12.5) and len(sequence) == 6
-    assert any(
-        "paired by the times" in note and "12.5 per second" in note for note in sequence.notes
-    )
-    for frame in (0, 3, 5):
-        images = sequence.read(frame).images
-        assert images is not None
-        for view in range(3):
-            level = footage.grey(2 * frame, view)
-            assert abs(int(images[view].mean()) - level) <= footage.LOSS
-    stated = Sequence.open(folder, fps=25.0)
-    assert stated.fps == 25 and not stated.timing_notes
-
-
-def test_as_many_frames_at_other_rates_are_taken_one_by_one(tmp_path: Path) -> None:
-    folder = footage.native(tmp_path / "a", views=2, frames=12)
-    levels = [footage.grey(frame, 1) for frame in range(12)]
-    footage.write_video(folder / "videos" / "cam02.mp4", levels, fps=50)
-    sequence = Sequence.open(folder)
-    assert len(sequence) == 12 and "state `fps`" in sequence.timing_notes[0]
 
 
 @pytest.mark.parametrize("name", ["synth_box_4cam", "dancer8"])

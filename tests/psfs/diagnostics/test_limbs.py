@@ -127,16 +127,3 @@ def test_true_cameras_stay_however_wide_the_silhouettes_are(wider):
 
 def test_a_trunk_is_no_limb():
     assert not measure(CAMERAS, LAGS, only(1, 1), radius=0.16)[1]
-
-
-def test_the_nearest_point_of_a_map_is_the_nearest():
-    """Within a cell of the map, of the point that is nearest of all in the frame."""
-    axes = medial_axes()[0]
-    places = axes.places[axes.frames == 5][::7] + np.array([1.0, -2.0])
-    found = axes.find_nearest(np.array(5), places)
-    own = np.nonzero(axes.frames == 5)[0]
-    away = np.linalg.norm(places[:, None] - axes.places[own], axis=-1)
-    here = np.linalg.norm(places - axes.places[found], axis=-1)
-    assert (axes.frames[found] == 5).all()
-    assert (here < away.min(axis=1) + 4).all()
-    assert (axes.find_nearest(np.array(5), np.array([[1e3, 0.0], [np.nan, 0.0]])) == -1).all()
