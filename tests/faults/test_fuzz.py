@@ -42,7 +42,7 @@ from psfs.common.files import read_json
 from psfs.common.names import LONGEST_NAME, check_name, escape_unprintable
 from psfs.common.pictures import read_picture
 from psfs.common.toml import read_toml
-from psfs.footage.timestamps import _read_times
+from psfs.footage.timing import _read_times
 from psfs.voxels.body_prior import TrackedBody
 from psfs.voxels.clouds import read_cloud, write_npz
 from psfs.voxels.grid import VoxelCloud, VoxelGrid

@@ -7,13 +7,11 @@ from pathlib import Path
 
 from cl import InputError
 from psfs.footage.folder import check_folder
-from psfs.footage.layouts.bodytrack import BODYTRACK
 from psfs.footage.layouts.common import Footage, Layout
+from psfs.footage.layouts.datasets import BODYTRACK, MIDDLEBURY, UTRECHT
 from psfs.footage.layouts.flat import FLAT
 from psfs.footage.layouts.humaneva import HUMANEVA
-from psfs.footage.layouts.middlebury import MIDDLEBURY
 from psfs.footage.layouts.native import NATIVE
-from psfs.footage.layouts.utrecht import UTRECHT
 from psfs.footage.settings import SequenceSettings
 
 __all__ = ["LAYOUTS", "Footage", "Layout", "find_layout"]

@@ -113,6 +113,30 @@ def assign_pictures(
     return media, [note] if note else []
 
 
+def assemble(
+    calibrated: CameraRig,
+    settings: SequenceSettings,
+    kinds: Mapping[str, tuple[Found, Path]],
+    extras: bool = False,
+    notes: Sequence[str] = (),
+    late: Mapping[str, int] | None = None,
+) -> Footage:
+    """Return the footage of the chosen cameras.
+
+    kinds: the files by camera, and their place for messages, of images, masks and background; those
+    without files are left out. extras, and errors: see `assign_pictures`.
+    """
+    remarks, media = list(notes), dict[str, tuple[Media, ...]]()
+    for kind, (found, where) in kinds.items():
+        if found:
+            more = extras or kind == "background"
+            media[kind], said = assign_pictures(calibrated, found, where, settings, more)
+            remarks += said
+    rig = choose_cameras(calibrated, settings)
+    unit = getattr(calibrated, "unit", "m")
+    return Footage(rig, unit, notes=remarks, late=late or {}, **media)
+
+
 def choose_cameras(rig: CameraRig, settings: SequenceSettings) -> CameraRig:
     """Return the rig of the cameras that the settings name, or of all."""
     return rig if settings.cameras is None else rig.subset(settings.cameras)

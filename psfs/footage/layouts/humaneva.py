@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import re
 from collections import defaultdict
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -33,11 +34,10 @@ from psfs.footage.layouts.common import (
     Footage,
     Found,
     Layout,
-    assign_pictures,
+    assemble,
     choose_cameras,
     make_size_lookup,
 )
-from psfs.footage.media import Media
 from psfs.footage.settings import SequenceSettings
 
 #: Frame rate of the videos, as their makers state it.
@@ -106,20 +106,12 @@ def _read(folder: Path, settings: SequenceSettings) -> Footage:
     where = _find_subfolder(folder, "image_data")
     take, videos = _choose_take(where, settings.take)
     rig, videos, notes = _read_cameras(folder, videos, where, settings)
-    images, remarks = assign_pictures(rig, videos, where, settings, extras=True)
-    late, more = _compute_delays(_find_subfolder(folder, "sync_data"), take, images)
-    notes += [*remarks, *more]
-    background = None
-    empty = _find_background_videos(folder)
-    if set(choose_cameras(rig, settings).names) <= empty.keys():
-        background, remarks = assign_pictures(
-            rig, empty, folder / "Background", settings, extras=True
-        )
-        notes += remarks
-    rig_in_use = choose_cameras(rig, settings)
-    return Footage(
-        rig_in_use, rig.unit, images=images, background=background, notes=notes, late=late
-    )
+    chosen, empty = choose_cameras(rig, settings).names, _find_background_videos(folder)
+    late, more = _compute_delays(_find_subfolder(folder, "sync_data"), take, chosen)
+    kinds = {"images": (videos, where)}
+    if set(chosen) <= empty.keys():
+        kinds["background"] = empty, folder / "Background"
+    return assemble(rig, settings, kinds, extras=True, notes=[*notes, *more], late=late)
 
 
 def _find_background_videos(folder: Path) -> Found:
@@ -134,14 +126,14 @@ def _find_background_videos(folder: Path) -> Found:
 
 
 def _compute_delays(
-    folder: Path, take: str, media: tuple[Media, ...]
+    folder: Path, take: str, cameras: Sequence[str]
 ) -> tuple[dict[str, int], list[str]]:
     """Compute by how many frames each video starts late, and a remark on the motion capture.
 
     The sequence then begins at the first time that all videos have. Without an .ofs for each of
     them, returns no delays.
     """
-    paths = [folder / f"{take}_({item.name}).ofs" for item in media]
+    paths = [folder / f"{take}_({name}).ofs" for name in cameras]
     if not all(path.exists() for path in paths):
         return {}, [f"no .ofs for every camera of {take}: the videos are taken as they begin"]
     starts, mocap, scale = np.array([_read_offsets(path) for path in paths]).T
@@ -151,7 +143,7 @@ def _compute_delays(
     late = np.rint((begin - first) / scale).astype(int)
     shown = f"frame {begin:.2f} of {take}.c3d, counted from 0, {scale.mean():.4g} per frame"
     note = f"frame 0 is {shown} (`apf evaluate --truth-start {begin:.2f}`)"
-    return {item.name: int(by) for item, by in zip(media, late, strict=True)}, [note]
+    return {name: int(by) for name, by in zip(cameras, late, strict=True)}, [note]
 
 
 def _read_offsets(path: Path) -> np.ndarray:

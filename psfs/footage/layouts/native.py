@@ -6,12 +6,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 from cl import InputError, MissingFileError
 from psfs.cameras.calibration import find_calibration
 from psfs.cameras.names import join_names, rename_files
-from psfs.footage.layouts.common import Footage, Layout, assign_pictures, choose_cameras, read_rig
+from psfs.footage.layouts.common import Footage, Layout, assemble, read_rig
 from psfs.footage.media import IMAGE_SUFFIXES, VIDEO_SUFFIXES, list_media
 from psfs.footage.settings import SequenceSettings
 
@@ -57,25 +56,12 @@ def _read(folder: Path, settings: SequenceSettings) -> Footage:
             f"expected {join_names(sorted(VIDEO_SUFFIXES | IMAGE_SUFFIXES))}"
         )
     rig = read_rig(calibration, settings, found[primary], folders[primary])
-    media: dict[str, tuple[Any, ...]] = {}
     notes = list(rig.notes)
     if all(found.get(name) for name in _IMAGES):
         notes.append(f"{folder}: {_IMAGES[0]}/ is used; {_IMAGES[1]}/ is ignored")
-    for name in (images, "masks", "background"):
-        if name and found.get(name):
-            extras = name == "background"
-            media[name], remarks = assign_pictures(
-                rig, found[name], folders[name], settings, extras
-            )
-            notes += remarks
-    return Footage(
-        choose_cameras(rig, settings),
-        rig.unit,
-        images=media[images] if images else None,
-        masks=media.get("masks"),
-        background=media.get("background"),
-        notes=notes,
-    )
+    kinds = {"images": images or "", "masks": "masks", "background": "background"}
+    files = {kind: (found.get(name, {}), folder / name) for kind, name in kinds.items()}
+    return assemble(rig, settings, files, notes=notes)
 
 
 NATIVE = Layout("native", _matches, _read)
