@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from helpers import bodies, scenes
+from helpers import scenes
 
 from apf.body.cones import outline_corners, project_outlines
-from apf.body.kinematics import posed_cones
 from psfs.cameras.camera import Camera
 from psfs.common.cones import CONE_FLOATS, cone_distances
 
@@ -91,28 +90,12 @@ def test_outline_is_the_silhouette_seen_from_afar(row: np.ndarray, direction: tu
         assert ends.min() == pytest.approx(rim.min(), abs=tolerance)
 
 
-def test_many_cones_at_once_are_the_same() -> None:
-    body = bodies.named("song31")
-    cones = posed_cones(body, bodies.random_poses(body, 3))
-    eye = np.array([2.5, 0.4, 1.7])
-    corners = outline_corners(eye, cones)
-    assert corners.shape == (3, len(body.cones), 4, 3)
-    np.testing.assert_allclose(corners[1, 4], outline_corners(eye, cones[1, 4]))
-
-
 def test_axis_pointing_at_the_eye_still_has_a_diameter() -> None:
     row = CONES["upright"]
     corners = outline_corners(np.array([0.0, 0.0, 5.0]), row)
     assert np.isfinite(corners).all()
     assert np.linalg.norm(corners[0] - corners[1]) == pytest.approx(0.2)
     assert np.linalg.norm(corners[2] - corners[3]) == pytest.approx(0.2)
-
-
-def test_pixels_go_through_the_full_camera() -> None:
-    camera = camera_at([3, 0.5, 1.5], [0, 0, 0.5])
-    assert np.any(camera.distortion)
-    expected, _ = camera.project(outline_corners(camera.centre, CONES["tapered"]))
-    np.testing.assert_array_equal(project_outlines(camera, CONES["tapered"]), expected)
 
 
 def test_cones_with_an_unseen_corner_have_no_outline() -> None:
@@ -146,29 +129,6 @@ def test_distances_follow_taper_and_section() -> None:
 def test_mantles_are_at_distance_zero(row: np.ndarray) -> None:
     points = surface(row).reshape(-1, 3)
     np.testing.assert_allclose(cone_distances(points, row[None]), 0, atol=1e-12)
-
-
-def test_distances_to_a_round_cone_are_those_of_its_points() -> None:
-    """The distance to a cylinder is that to the nearest of many points on its mantle."""
-    row = cone([0.2, 0.1, 0.3], [0.5, -0.2, 0.9], (0.1, 0.1))
-    random = np.random.default_rng(1)
-    axis = row[4:7] - row[0:3]
-    points = row[0:3] + random.uniform(0.1, 0.9, (200, 1)) * axis
-    points = points + np.cross(axis, random.normal(0, 0.4, (200, 3)))
-    mantle = surface(row, 400, 360).reshape(-1, 3)
-    nearest = [np.linalg.norm(mantle - point, axis=-1).min() for point in points]
-    found = cone_distances(points, row[None])[:, 0]
-    assert (found < 0).any() and (found > 0).any()
-    np.testing.assert_allclose(np.abs(found), nearest, atol=2e-3)
-
-
-def test_distances_are_per_point_and_cone() -> None:
-    cones = np.stack(list(CONES.values()))
-    points = np.random.default_rng(0).normal(0, 1, (5, 3))
-    table = cone_distances(points, cones)
-    assert table.shape == (5, 3)
-    np.testing.assert_allclose(table[3, 1], cone_distances(points[3:4], cones[1:2])[0, 0])
-    assert cone_distances(np.empty((0, 3)), cones).shape == (0, 3)
 
 
 def test_corners_far_out_of_the_picture_count_as_unseen() -> None:

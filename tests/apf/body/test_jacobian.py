@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from helpers import bodies
 
-from apf.body.jacobian import cone_moves, distance_jacobian, point_jacobian, world_axes
+from apf.body.jacobian import cone_moves, distance_jacobian, point_jacobian
 from apf.body.kinematics import bone_matrices, posed_cones
 from apf.body.model import BodyModel
 
@@ -49,19 +49,6 @@ def test_points_fixed_to_cones_move_along_normals_as_stated(name: str) -> None:
     slopes = np.sum((points(stepped(body, pose)) - here) / STEP * normal, -1)
     found = point_jacobian(body, pose, cone, here, normal)
     np.testing.assert_allclose(found, slopes, atol=1e-4)
-
-
-def test_axes_in_the_world_are_of_unit_length_and_signed() -> None:
-    body = bodies.named("song31")
-    directions, points = world_axes(body, body.rest_pose)
-    np.testing.assert_allclose(np.linalg.norm(directions, axis=1), 1)
-    rotations, origins = bone_matrices(body, body.rest_pose[None])
-    calf = next(i for i, bone in enumerate(body.bones) if bone.name == "l_calf")
-    knee = body.bones[calf].axes[0]
-    column = {"rx": 0, "ry": 1, "rz": 2}[knee.kind]
-    expected = knee.sign * rotations[0, calf, :, column]  # the only axis: it turns about itself
-    np.testing.assert_allclose(directions[knee.dof], expected, atol=1e-12)
-    np.testing.assert_allclose(points[knee.dof], origins[0, calf], atol=1e-12)
 
 
 @pytest.mark.parametrize("name", ["song31", "stick"])

@@ -21,17 +21,11 @@ from apf.body.stature import stature
 from apf.body.toml import format_body, load_body, parse_body
 
 
-def test_the_trunk_is_what_branches() -> None:
+def test_the_trunk_branches_into_limbs() -> None:
     body = load_body("song31")
-    assert {body.dof_names[d].split(".")[0] for d in np.flatnonzero(trunk_mask(body))} == {
-        "pelvis",
-        "thorax",
-    }
-
-
-def test_limbs() -> None:
-    body = load_body("song31")
-    names = [{body.dof_names[d].split(".")[0] for d in np.flatnonzero(m)} for m in limb_masks(body)]
+    masks = [trunk_mask(body), *limb_masks(body)]
+    trunk, *names = [{body.dof_names[d].split(".")[0] for d in np.flatnonzero(m)} for m in masks]
+    assert trunk == {"pelvis", "thorax"}
     for side in "lr":
         assert {f"{side}_thigh", f"{side}_calf"} in names
         assert {f"{side}_clavicle", f"{side}_upper_arm", f"{side}_forearm"} in names

@@ -113,12 +113,6 @@ def test_a_gpus_work_groups_draw_the_same(device: Device, monkeypatch: pytest.Mo
     rendered.check_pictures(device, body, rig, poses, cone_mesh(body, 18))
 
 
-def test_counts_are_those_of_the_pictures(device: Device) -> None:
-    body, rig = load_body("song31"), scenes.ring(2, (161, 123))
-    poses = rendered.scattered_poses(body, 5)
-    rendered.check_counts(device, body, rig, poses, cone_mesh(body, 18))
-
-
 def test_errors_equal_the_twins(device: Device) -> None:
     body, rig = load_body("song31"), scenes.ring(2, (161, 123))
     config = ObjectiveConfig(

@@ -82,7 +82,7 @@ class Film:
 
     def features(self, pose: np.ndarray) -> SimpleNamespace:
         cones = posed_cones(self.body, pose[None])[0]
-        table = ProximityConfig(farthest=40, decay=0.1).table(self.rig)
+        table = ProximityConfig(farthest=40).table(self.rig)
         maps = np.zeros((len(self.rig), self.rig.height, self.rig.width, 2), np.uint8)
         roi = np.zeros((len(self.rig), 4), np.int32)
         for view, camera in enumerate(self.rig):
