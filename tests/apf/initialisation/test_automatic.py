@@ -58,15 +58,6 @@ def walking(body: BodyModel, n: int, seed: int = 3) -> np.ndarray:
     return poses
 
 
-def test_samples_lie_on_the_surface() -> None:
-    for name in ("song31", "stick"):
-        body = bodies.named(name)
-        cones = posed_cones(body, bodies.random_poses(body, 1))[0]
-        cone, coordinates = surface_samples(body, 0.05)
-        every = cone_distances(place_points(cones[cone], coordinates), cones)
-        np.testing.assert_allclose(every[np.arange(len(cone)), cone], 0, atol=1e-9)
-
-
 def test_growths_are_the_derivatives_by_the_scales() -> None:
     model = ShapeModel(SONG)
     shape, poses = np.random.default_rng(1).normal(0, 0.1, len(model.deviation)), walking(SONG, 2)
@@ -94,17 +85,6 @@ def test_fit_finds_size_lengths_and_girth() -> None:
     assert girth[0] == pytest.approx(girth[1], rel=0.06)
 
 
-def test_fit_without_free_scales_keeps_the_body() -> None:
-    pose = walking(SONG, 1)
-    cloud = Cloud(surface(SONG, pose[0]))
-    rough = pose + np.random.default_rng(2).normal(0, 0.03, pose.shape)
-    zero = np.zeros(len(ShapeModel(SONG).deviation))
-    shape, found = fit_shape(SONG, [cloud], zero, rough, free=())
-    assert not shape.any()
-    error = np.linalg.norm(posed_joints(SONG, found) - posed_joints(SONG, pose), axis=-1)
-    assert error.mean() < 0.012
-
-
 def test_a_known_height_is_kept() -> None:
     pose = walking(SONG, 1)
     cloud = Cloud(surface(SONG, pose[0]))
@@ -114,9 +94,8 @@ def test_a_known_height_is_kept() -> None:
         assert stature(ShapeModel(SONG).body(shape)) == pytest.approx(height, abs=0.015)
 
 
-@pytest.mark.parametrize("height", [1.65, 1.85])
-def test_feet_that_silhouettes_lost_stand_on_the_floor(height: float) -> None:
-    model = ShapeModel(SONG)
+def test_feet_that_silhouettes_lost_stand_on_the_floor() -> None:
+    height, model = 1.85, ShapeModel(SONG)
     start = np.zeros(len(model.deviation))
     start[0] = np.log(height / stature(SONG))
     body = model.body(start)

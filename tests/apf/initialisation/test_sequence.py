@@ -12,7 +12,6 @@ from helpers import bodies
 
 from apf.initialisation import sequence
 from apf.initialisation.config import StartConfig
-from apf.initialisation.hypotheses import forward
 from apf.initialisation.start import Start, StartError
 
 SONG = bodies.named("song31")
@@ -46,11 +45,6 @@ def decided(
         assert looks[1].frames.duration == pytest.approx(2.5 * looks[0].frames.duration)
         assert looks[1].frames.n_fitted == 2 * looks[0].frames.n_fitted
     return chosen, len(looks)
-
-
-def test_headings_differ_as_meant() -> None:
-    ahead, back = start(0.0, 2.0), start(np.pi, 2.0)
-    assert forward(SONG, ahead.pose) @ forward(SONG, back.pose) == pytest.approx(-1)
 
 
 def test_a_sure_start_is_not_looked_at_again(monkeypatch: pytest.MonkeyPatch) -> None:
