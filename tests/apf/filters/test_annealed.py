@@ -56,19 +56,6 @@ def test_a_frame_is_one_small_download(device: Device) -> None:
         )
 
 
-@pytest.mark.parametrize("n_layers", [1, 2])
-def test_every_frame_draws_its_own_noise(device: Device, n_layers: int) -> None:
-    """The frame's number is the first word of the counter of the random numbers."""
-    world = World(device)
-    config = FilterConfig.create(n_particles=37, n_layers=n_layers)
-    tracker = AnnealedParticleFilter(world.scene(), config)
-    for _ in range(2):
-        tracker.start(world.pose(0))
-        for frame in range(3):
-            assert tracker.particles.frame.get()[0] == frame
-            tracker.step(world.voxels(frame))
-
-
 @pytest.mark.parametrize("kind", ["opencl", "numpy"])
 def test_the_last_change_is_expected_again(device: Device, kind: str) -> None:
     """Without noise and choice the pose coasts: all particles move by velocity times the change."""
@@ -117,7 +104,6 @@ def test_runs_repeat_bit_by_bit(device: Device, n_layers: int) -> None:
     "settings",
     [
         {"n_particles": 37, "n_layers": 3, "velocity": 0.5},
-        {"n_particles": 129, "n_layers": 2, "limb_search_reach": 0.0},
         {"n_particles": 20, "n_layers": 2, "silhouette_recall_weight": 1.0, "refinement_steps": 0},
     ],
 )
@@ -196,16 +182,14 @@ def test_a_filter_of_a_changed_body_is_that_bodys(device: Device, settings: dict
 
 
 @pytest.mark.parametrize(
-    "settings",
+    ("settings", "n_layers"),
     [
-        {},
-        {"surface_weight": 0.0},
-        {"velocity": 0.7},
-        {"refinement_steps": 5},
-        {"trunk_layers": 1},
+        ({}, 1),
+        ({"velocity": 0.7}, 2),
+        ({"refinement_steps": 5}, 1),
+        ({"trunk_layers": 1}, 2),
     ],
 )
-@pytest.mark.parametrize("n_layers", [1, 2])
 def test_frames_agree_with_the_twin(device: Device, settings: dict, n_layers: int) -> None:
     """As long as no parent flips the two draw the same particles; a flip moves the mean little."""
     world = World(device)

@@ -23,14 +23,6 @@ def test_schedules() -> None:
     np.testing.assert_allclose(config.layer_noise, [2, 1, 0.5, 0.25, 0.125])
 
 
-def test_weights_are_in_the_order_of_the_kernel() -> None:
-    config = LikelihoodConfig(
-        edge_weight=1, silhouette_weight=2, surface_weight=3, overlap_weight=4
-    )
-    np.testing.assert_array_equal(config.weights, np.array([1, 2, 3, 4], np.float32))
-    assert config.weights.dtype == np.float32
-
-
 @pytest.mark.parametrize(
     ("setting", "value"),
     [
@@ -71,14 +63,6 @@ def test_terms_of_the_likelihood_by_name() -> None:
     assert of_terms("surface=2.5").likelihood.weights.tolist() == [0, 0, 2.5, 0]
     every = of_terms("edge,silhouette,surface,overlap,posture,part_colour,contour,pictures")
     assert every == FilterConfig.create(limb_search_least_recall=0.0)
-
-
-def test_terms_that_are_off_by_default_are_chosen_by_name() -> None:
-    name = "silhouette_recall_weight"
-    assert FilterConfig().settings[name] == 0
-    assert of_terms("silhouette,silhouette_recall").settings[name] == 2
-    assert of_terms("silhouette_recall=3").settings[name] == 3
-    assert of_terms("surface").settings[name] == 0
 
 
 def test_single_settings_find_their_parts() -> None:

@@ -113,25 +113,7 @@ def test_proposals_move_one_limb_within_limits() -> None:
     assert share.min() < 0.1 and share.max() > 0.9 and abs(share.mean() - 0.5) < 0.1
 
 
-def test_later_rounds_look_about_the_best() -> None:
-    body = load_body("song31")
-    mean, n_limbs = bodies.random_poses(body, 1)[0], len(limb_masks(body))
-    first, which = propose(body, mean, CONFIG, 3)
-    best = np.stack([first[np.flatnonzero(which == kind)[-1]] for kind in range(2 * n_limbs)])
-    spreads = []
-    for round in range(1, len(CONFIG.limb_search.reaches)):
-        poses, kinds = propose(body, mean, CONFIG, 3, round=round, best=best)
-        np.testing.assert_array_equal(kinds, which)
-        for kind in range(2 * n_limbs):
-            of = poses[kinds == kind]
-            np.testing.assert_array_equal(of[0], best[kind])
-            assert np.all((of != mean) <= limb_masks(body)[kind % n_limbs])
-        spreads.append(np.abs(poses[1:] - best[kinds[1:]]).mean())
-    assert np.all(np.diff(spreads) < -0.3 * np.array(spreads[:-1]))
-
-
-@pytest.mark.parametrize("name", ["song31", "stick"])
-@pytest.mark.parametrize("n_particles", [3, 150])
+@pytest.mark.parametrize(("name", "n_particles"), [("song31", 150), ("stick", 3)])
 def test_kernels_and_twin(device: Device, name: str, n_particles: int) -> None:
     body = bodies.named(name)
     config = CONFIG.with_changes(
@@ -268,17 +250,13 @@ def test_an_arm_is_where_its_points_are_seen(monkeypatch: pytest.MonkeyPatch) ->
 
 
 @pytest.mark.parity("tracking/limb_search.propose", "tracking/refinement.refine_system")
-@pytest.mark.parametrize("n_particles", [3, 150])
-def test_kernels_and_twin_on_observed_points(device: Device, n_particles: int) -> None:
-    """Two runs, as each would be alone."""
+def test_kernels_and_twin_on_observed_points(device: Device) -> None:
     body, rig = load_body("song31"), scenes.ring(3, size=(640, 480))
-    config = CONFIG.with_changes(
-        n_particles=n_particles, refinement_steps=2, first_survival=0.5, last_survival=0.4
-    )
+    config = CONFIG.with_changes(refinement_steps=2)
     pose = bodies.random_poses(body, 1)[0]
     scene = Scene(device, rig, None, body)
     term = KeypointConfig(weight=4.0)
-    kernels = KeypointLikelihood(scene, term, 0.02, n_particles)
+    kernels = KeypointLikelihood(scene, term, 0.02, config.search.n_particles)
     twin = NumpyKeypointLikelihood(scene, term, 0.02)
     for likelihood in (kernels, twin):
         likelihood.observe(Observed(None, seen_points(body, pose, rig, 40)))

@@ -50,26 +50,15 @@ def test_finds_the_way_back() -> None:
     body = load_body("song31")
     pose = bodies.random_poses(body, 1)[0]
     points = bodies.surface_points(body, pose, 600)
-    for seed in range(3):
-        moved = pose + np.random.default_rng(seed).normal(0, 2, body.n_dof) * body.sigma
-        moved = np.clip(moved, body.lower, body.upper)
-        found = refine(body, moved, points, CONFIG, fit=FREE)[0]
-        before, after = (
-            np.linalg.norm(posed_joints(body, p[None]) - posed_joints(body, pose[None]), axis=-1)
-            for p in (moved, found)
-        )
-        assert after.mean() < 0.2 * before.mean()
-        assert np.all((found >= body.lower) & (found <= body.upper))
-
-
-def test_prior_holds_what_the_voxels_leave_open() -> None:
-    """Turns of a straight round arm about itself move no voxel."""
-    body = load_body("song31")
-    pose = body.rest_pose.copy()
-    pose[body.dof_names.index("l_forearm.ry")] = 0.0
-    points = bodies.surface_points(body, pose, 300)
-    found = refine(body, pose, points, CONFIG, fit=replace(FREE, width=4.0))[0]
-    assert np.abs(found - pose).max() < 0.02
+    moved = pose + np.random.default_rng(0).normal(0, 2, body.n_dof) * body.sigma
+    moved = np.clip(moved, body.lower, body.upper)
+    found = refine(body, moved, points, CONFIG, fit=FREE)[0]
+    before, after = (
+        np.linalg.norm(posed_joints(body, p[None]) - posed_joints(body, pose[None]), axis=-1)
+        for p in (moved, found)
+    )
+    assert after.mean() < 0.2 * before.mean()
+    assert np.all((found >= body.lower) & (found <= body.upper))
 
 
 def test_never_worse_than_the_mean() -> None:
@@ -187,9 +176,10 @@ def test_finds_the_way_back_by_what_cameras_see() -> None:
 
 
 @pytest.mark.parity("tracking/refinement.refine_system", "tracking/refinement.refine_end")
-@pytest.mark.parametrize("name", ["song31", "stick"])
-@pytest.mark.parametrize("n_voxels", [0, 300])
-@pytest.mark.parametrize("n_points", [0, 1, 70])
+@pytest.mark.parametrize(
+    ("name", "n_voxels", "n_points"),
+    [("song31", 0, 0), ("song31", 300, 70), ("stick", 0, 1), ("stick", 300, 0)],
+)
 def test_kernels_and_twin_on_observed_points(
     device: Device, name: str, n_voxels: int, n_points: int
 ) -> None:

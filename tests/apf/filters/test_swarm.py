@@ -159,16 +159,6 @@ def test_squares_agree_with_the_twin(device: Device, n: int) -> None:
         np.testing.assert_allclose(launch.after["squared"], errors**2, rtol=1e-6)
 
 
-@pytest.mark.parametrize("search", SEARCHES)
-def test_every_frame_scores_as_often_as_it_says(device: Device, search: str) -> None:
-    config = config_of(search)
-    found, likelihood = run(search, device, config, 3)
-    assert likelihood.calls == 3 * config.search.n_layers
-    for estimate in found:
-        assert estimate.ess.shape == estimate.least_error.shape == (config.search.n_layers,)
-        assert all(np.isfinite(getattr(estimate, field)).all() for field in FIELDS)
-
-
 def test_the_swarm_improves_and_follows(device: Device) -> None:
     config = config_of("pso", 200, n_layers=20)
     found, _ = run("pso", device, config, 4)
