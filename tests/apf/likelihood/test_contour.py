@@ -8,12 +8,11 @@ import cv2
 import numpy as np
 import pytest
 from helpers import bodies, scenes
-from helpers.kinds import other_kind
-from helpers.likelihoods import Setup, assert_cost_nothing, only, smooth_maps
+from helpers.likelihoods import assert_cost_nothing
 
 from apf.body.kinematics import posed_cones
 from apf.filters.config import FilterConfig
-from apf.likelihood.contour import FULL_CONTRAST, N_NORMALS, Contours
+from apf.likelihood.contour import FULL_CONTRAST, Contours
 from apf.likelihood.part_colour import list_scored_parts
 from apf.likelihood.voxel import VoxelLikelihood, choose_cone_sampling, make_sample_rows
 from apf.reference.image_objective.render import draw_hypotheses
@@ -96,40 +95,6 @@ def test_contours_are_those_of_the_twin(device: Device) -> None:
     twin = NumpyVoxelLikelihood(Scene(NumpyDevice(), rig, grid, SONG), config)
     twin.observe(NumpyReconstructor(NumpyDevice(), rig, grid, None)(picture))
     assert ((found > 0) == (twin.terms["contour"].contours > 0)).mean() > 0.98
-
-
-@pytest.mark.parity("tracking/likelihood.score_poses")
-@pytest.mark.parametrize(
-    ("kind", "name"), [("own", "song31"), ("own", "stick"), ("other", "song31")]
-)
-def test_the_term_agrees_with_the_twin(device: Device, kind: str, name: str) -> None:
-    """Outlines in a direction between two normals may take either's: blurred maps, most alike."""
-    device = device if kind == "own" else other_kind(device)
-    body, rig, grid = bodies.named(name), scenes.ring(3, (161, 121)), scenes.small_grid(0.1)
-    poses = bodies.random_poses(body, 37)
-    config = only("none").with_changes(part_colour_weight=0.0, contour_weight=1.5)
-    setup = Setup(device, body, rig, poses, smooth_maps(rig), config, grid)
-    likelihood = setup.likelihood
-    assert isinstance(likelihood.terms["contour"], Contours)
-    both = [smooth_maps(rig, seed) for seed in (1, 2)]
-    contours = np.ascontiguousarray(np.moveaxis(np.concatenate(both, -1), -1, 1))
-    assert contours.shape[1] == N_NORMALS
-    likelihood.seen["contours"].set(contours)
-    rows = make_sample_rows(choose_cone_sampling(body))
-    look = list_scored_parts(body, rows), rows
-    cones = posed_cones(body, setup.poses)
-    views = zip(rig, contours, strict=True)
-    expected = np.mean([1 - contour_means(c, body, cones, v, *look) for c, v in views], 0)
-    setup.on_device.set(setup.poses)
-    launches = likelihood.launcher(setup.on_device)
-    likelihood.seen["maps"].set(setup.maps)
-    for launch in launches:
-        launch.set(contour_weight=1.5)
-        launch()
-    found = likelihood.errors.get() / len(rig)
-    np.testing.assert_allclose(found, 1.5 * expected, atol=0.05)
-    assert np.mean(np.abs(found - 1.5 * expected) < 0.005) > 0.8
-    assert np.ptp(found) > 0.02
 
 
 def test_without_pictures_contours_cost_nothing(device: Device) -> None:

@@ -9,7 +9,6 @@ import pytest
 from helpers import bodies, scenes
 from helpers.kinds import other_kind
 from helpers.likelihoods import Setup, only, smooth_maps
-from helpers.parity import traced
 from helpers.worlds import World
 
 from apf.body.kinematics import posed_cones
@@ -164,66 +163,6 @@ def test_codes_agree_with_the_twin(device: Device) -> None:
     found = colours.codes.get()
     np.testing.assert_array_equal(found, encode_colours(images, shown[..., 0], palette))
     assert (found == HIDDEN).sum() > 100
-
-
-@pytest.mark.parity(
-    "tracking/part_colour.count_colours",
-    "tracking/part_colour.learn_colours",
-    "tracking/likelihood.score_poses",
-)
-@pytest.mark.parametrize(
-    ("kind", "name"), [("own", "song31"), ("own", "stick"), ("other", "song31")]
-)
-def test_kernels_agree_with_the_twin(device: Device, kind: str, name: str) -> None:
-    """A sample that rounding moves to the next pixel may find another code there: blobs of codes,
-    and little weight on one."""
-    device = device if kind == "own" else other_kind(device)
-    body, rig, grid = bodies.named(name), scenes.ring(3, (161, 121)), scenes.small_grid(0.1)
-    poses = bodies.random_poses(body, 37)
-    config = only("none").with_changes(part_colour_weight=1.5)
-    setup = Setup(device, body, rig, poses, smooth_maps(rig), config, grid)
-    likelihood, colours = setup.likelihood, setup.likelihood.terms["part_colour"]
-    assert isinstance(colours, PartColours)
-    histograms = np.zeros((len(list_part_names(body)), N_CODES))
-    rows = make_sample_rows(choose_cone_sampling(body))
-    cones = posed_cones(body, setup.poses)
-    for frame in range(3):
-        codes = smooth_maps(rig, frame)[..., 0] // 5
-        codes[codes == 20] = HIDDEN
-        likelihood.seen["codes"].set(codes)
-        colours.known = True
-        ratios = compute_ratios(histograms)
-        if frame:
-            assert np.abs(colours.ratios.get()[0].astype(int) - ratios).max() <= 1
-            ratios = colours.ratios.get()[0]
-        else:
-            assert not colours.ratios.get().any()
-        look = ColourModel(ratios, list_scored_parts(body, rows), rows)
-        views = zip(rig, codes, strict=True)
-        expected = np.mean([colour_means(c, body, cones, v, look) for c, v in views], 0)
-        # What the launches know is set where a frame is observed.
-        setup.on_device.set(setup.poses)
-        launches = likelihood.launcher(setup.on_device)
-        likelihood.seen["maps"].set(setup.maps)
-        for launch in launches:
-            launch.set(colour_weight=1.5)
-            launch()
-        found = likelihood.errors.get() / len(rig)
-        np.testing.assert_allclose(found, -1.5 * expected, atol=0.05)
-        assert np.mean(np.abs(found + 1.5 * expected) < 0.005) > 0.8
-        assert found.any() == (frame > 0)
-        moved = np.roll(setup.poses, -frame, axis=0)
-        with traced("tracking/part_colour.count_colours") as counts:
-            for launch in likelihood.learning_launcher(device.to_device(moved)):
-                launch()
-        twin = count_codes(rig, body, moved[0].astype(float), codes)
-        taken = counts[0].after["counts"].reshape(twin.shape)
-        assert twin.sum() > 50
-        assert np.abs(taken - twin).sum() <= 0.04 * twin.sum() + 4
-        histograms = DECAY * histograms + taken
-        np.testing.assert_allclose(colours.histograms.get()[0], histograms, rtol=1e-5)
-    likelihood.forget()
-    assert not colours.ratios.get().any() and not colours.histograms.get().any()
 
 
 @pytest.mark.parametrize("kind", ["own", "other"])

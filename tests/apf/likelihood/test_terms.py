@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers import bodies
+from helpers.kinds import other_kind
 from helpers.likelihoods import only
 from helpers.worlds import World
 
@@ -71,11 +72,15 @@ ROWS = [
 ]
 
 
-@pytest.mark.parametrize("name", ["song31", "stick"])
-@pytest.mark.parametrize("n", [1, 37, 300])
+@pytest.mark.parametrize(
+    ("kind", "name", "n"),
+    [("own", "song31", 1), ("own", "song31", 300), ("own", "stick", 37), ("other", "song31", 37)],
+)
 @pytest.mark.parametrize("spec", ROWS)
-def test_kernels_agree_with_the_twin(device: Device, spec: TermSpec, n: int, name: str) -> None:
-    assert_parity(device, spec, name, n)
+def test_kernels_agree_with_the_twin(
+    device: Device, spec: TermSpec, kind: str, name: str, n: int
+) -> None:
+    assert_parity(device if kind == "own" else other_kind(device), spec, name, n)
 
 
 @pytest.mark.parametrize("spec", TERMS.values(), ids=TERMS)

@@ -41,9 +41,9 @@ def point_sampler(
 
 
 @pytest.mark.parametrize("term", ["edge", "silhouette"])
-@pytest.mark.parametrize("views", [1, 5])
-@pytest.mark.parametrize("name", ["song31", "stick"])
-@pytest.mark.parametrize("n_particles", [2, 37, 129])
+@pytest.mark.parametrize(
+    ("name", "views", "n_particles"), [("song31", 1, 2), ("song31", 5, 129), ("stick", 5, 37)]
+)
 def test_image_terms_agree_with_the_twin(
     device: Device, name: str, views: int, term: str, n_particles: int
 ) -> None:
@@ -121,9 +121,10 @@ def test_surface_samples_agree_with_the_twin(device: Device, n_voxels: int) -> N
         assert np.all(points[:, 3] == 1)
 
 
-@pytest.mark.parametrize("name", ["song31", "stick"])
-@pytest.mark.parametrize("n_voxels", [0, 1, 50, 2000])
-@pytest.mark.parametrize("n_points", [1, 63, 1024])
+@pytest.mark.parametrize(
+    ("name", "n_voxels", "n_points"),
+    [("song31", 0, 63), ("song31", 2000, 1024), ("stick", 1, 63), ("stick", 50, 1)],
+)
 def test_surface_kernel_agrees_with_the_twin(
     device: Device, name: str, n_voxels: int, n_points: int
 ) -> None:
@@ -141,9 +142,10 @@ def test_surface_kernel_agrees_with_the_twin(
 
 
 @pytest.mark.parity("tracking/likelihood.score_poses")
-@pytest.mark.parametrize("weights", [{}, {"surface_weight": 0.0}, {"overlap_weight": 0.0}])
-@pytest.mark.parametrize("views", [1, 5])
-@pytest.mark.parametrize("name", ["song31", "stick"])
+@pytest.mark.parametrize(
+    ("name", "views", "weights"),
+    [("song31", 5, {}), ("song31", 1, {"surface_weight": 0.0}), ("stick", 5, {})],
+)
 def test_totals_agree_with_the_twin(device: Device, name: str, views: int, weights: dict) -> None:
     body, rig = bodies.named(name), scenes.ring(views)
     config = CONFIG.with_changes(**weights)

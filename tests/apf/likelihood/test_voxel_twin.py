@@ -107,13 +107,6 @@ def test_surface_error_is_a_half_at_its_scale() -> None:
     np.testing.assert_array_equal(surface_errors(near[:0], cones, 0.05), [1, 1])
 
 
-def test_surface_error_takes_the_nearest_cone() -> None:
-    both = np.concatenate([UPRIGHT, card([[0, 1, -0.4], [0, 1, 0.4]], 0.2)], 1)
-    points = np.array([[0.1, 0, 0], [0.1, 1, 0]])
-    np.testing.assert_allclose(surface_errors(points, both, 0.05), 0, atol=1e-12)
-    np.testing.assert_allclose(surface_errors(points, both[:, :1], 0.05), 0.5, atol=0.01)
-
-
 def test_overlap_of_parts() -> None:
     """Parallel cylinders of radius 0.1: free apart from 0.2 on, worst on each other's axes."""
     pairs = [(0, 1)]
