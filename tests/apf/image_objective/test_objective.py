@@ -134,11 +134,6 @@ def test_a_gpus_work_groups_draw_the_same(device: Device) -> None:
     rendered.check_counts(device, body, rig, rendered.scattered_poses(body, 6))
 
 
-def test_counts_are_those_of_the_pictures(device: Device) -> None:
-    body, rig = load_body("song31"), scenes.ring(3, (161, 123))
-    rendered.check_counts(device, body, rig, rendered.scattered_poses(body, 7))
-
-
 @pytest.mark.parity(
     "image/objective.pack_maps", "image/objective.silhouette_areas", "image/objective.score_counts"
 )
