@@ -37,6 +37,10 @@ class Timing:
     def high(self) -> float:
         return self._percentile(75)
 
+    def __str__(self) -> str:
+        digits = 3 if self.median < 1 else 2 if self.median < 10 else 1
+        return f"{self.median:.{digits}f} [{self.low:.{digits}f}, {self.high:.{digits}f}]"
+
     def _percentile(self, share: float) -> float:
         return float(np.percentile(self.samples, share))
 
