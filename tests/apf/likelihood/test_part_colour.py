@@ -189,6 +189,7 @@ def test_codes_say_where_the_silhouettes_are(device: Device, kind: str) -> None:
     np.testing.assert_array_equal(*errors)
 
 
+@pytest.mark.parity("tracking/part_colour.count_colours", "tracking/part_colour.learn_colours")
 def test_trackers_learn_at_their_estimates(device: Device) -> None:
     world = World(device)
     rig = world.rig
@@ -207,6 +208,8 @@ def test_trackers_learn_at_their_estimates(device: Device) -> None:
         expected = DECAY * expected + counts
         found = colours.histograms.get()[0]
         assert np.abs(found - expected).sum() < 0.05 * expected.sum()
+        ratios = colours.ratios.get()[0].astype(int)
+        assert np.abs(ratios - compute_ratios(found)).max() <= 1
     assert expected.sum() > 100 and colours.ratios.get().any()
     tracker.start(world.pose(0))
     assert not colours.ratios.get().any()
