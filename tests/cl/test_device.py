@@ -18,7 +18,7 @@ import cl.fill
 import cl.listing
 import cl.program
 from cl import Device, DeviceError, list_devices, select_device
-from cl.listing import ranked_devices, where_to_get_opencl
+from cl.listing import ranked_devices
 from cl.program import kernel_source
 from cl.staging import Download
 
@@ -334,10 +334,6 @@ def test_compilers_complain_about_the_right_file(fresh: Device, kernels: Path) -
         assert "wrong.h:3" in str(caught.value)
 
 
-KERNELS = Path(cl.__file__).parent / "kernels"
-STAGES = [path.relative_to(KERNELS).with_suffix("").as_posix() for path in KERNELS.rglob("*.cl")]
-
-
 def test_programs_are_built_once_per_set_of_defines(
     fresh: Device, kernels: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -403,11 +399,3 @@ def test_profiles_name_every_command(device: Device, kernels: Path) -> None:
     assert row[3] == pytest.approx(sum(downloads))
     profiled.profiler.clear()
     assert profiled.profiler.collect() == {}
-
-
-@pytest.mark.parametrize(
-    ("system", "expected"),
-    [("linux", "pocl-binary-distribution"), ("win32", "Intel's CPU Runtime"), ("darwin", "conda")],
-)
-def test_where_to_get_opencl(system: str, expected: str) -> None:
-    assert expected in where_to_get_opencl(system)

@@ -9,7 +9,7 @@ import pytest
 from helpers import scenes
 from helpers.parity import traced
 
-from cl import Device, InputError, NumpyDevice
+from cl import Device, InputError
 from psfs.cameras.footprints import voxel_footprints
 from psfs.reconstructor import Reconstructor
 from psfs.reference.reconstructor import NumpyReconstructor, frame_evidence
@@ -89,18 +89,6 @@ def test_a_voxel_behind_another_takes_no_colour_from_that_side(device: Device) -
     assert hidden.any()
     assert (cloud.colour[hidden, 2] == 0).mean() > 0.99
     assert (cloud.colour[~hidden, 2] > 0).any()
-
-
-def test_either_reconstructor_colours_its_cloud(device: Device) -> None:
-    rig = scenes.ring(3)
-    frame, grid = painted(rig), scenes.small_grid()
-    cloud = Reconstructor(device, rig, grid, None, sparse=True)(frame).cloud(colour=True)
-    twin = NumpyReconstructor(NumpyDevice(), rig, grid, None)(frame).cloud(colour=True)
-    for coloured in (cloud, twin):
-        assert coloured.colour.shape == (len(coloured), 3)
-        assert coloured.colour.dtype == np.uint8
-    _, a, b = np.intersect1d(cloud.indices, twin.indices, return_indices=True)
-    assert (cloud.colour[a] != twin.colour[b]).any(1).mean() < 0.05
 
 
 @pytest.mark.parametrize("twin", [True, False])

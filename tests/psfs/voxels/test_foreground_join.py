@@ -56,11 +56,6 @@ def test_a_limb_that_was_carved_away_is_there_again_and_speckle_is_not() -> None
     np.testing.assert_array_equal(join_foreground(silhouette, evidence), expected)
 
 
-def test_nobody_is_joined_by_nothing() -> None:
-    nobody = np.zeros((120, 160), bool)
-    assert not join_foreground(nobody, np.full((120, 160), 50, np.int8)).any()
-
-
 def test_voxels_without_evidence_and_a_join_that_is_off_change_nothing(device: Device) -> None:
     rig, grid = scenes.ring(2), scenes.small_grid()
     voxels = Reconstructor(device, rig, grid, None)(scenes.frame(masks=scenes.masks_of(rig)))

@@ -31,8 +31,3 @@ def test_of_two_bodies_each_has_its_own() -> None:
     cloud = surface_of(balls[0] | balls[1])
     middle = np.where(cloud.centres[:, :1] < 0, [[-0.25, 0, 0]], [[0.25, 0, 0]])
     assert ((cloud.centres - middle) * estimate_normals(cloud)).sum(1).min() > 0.1
-
-
-def test_nothing_has_no_normals() -> None:
-    empty = VoxelCloud(GRID, np.zeros(0, np.int32), np.zeros(0, np.float32))
-    assert estimate_normals(empty).shape == (0, 3)

@@ -56,13 +56,6 @@ def test_the_host_has_the_twins_silhouette() -> None:
         np.testing.assert_array_equal(voxel_silhouette(*inputs), splat(*inputs))
 
 
-def test_no_voxels_give_empty_maps(device: Device) -> None:
-    rig = scenes.ring(2)
-    masks = np.zeros((2, rig.height, rig.width), np.uint8)
-    maps, expected = both(device, rig, scenes.small_grid(), masks)
-    assert not maps.any() and not expected.any()
-
-
 def test_voxels_around_and_behind_the_cameras(device: Device) -> None:
     rig = scenes.ring(3)
     grid = VoxelGrid.covering(np.full(3, -4.0), np.full(3, 4.0), 0.25)

@@ -65,12 +65,6 @@ def test_the_closed_surface_of_faces_agrees_with_the_twin(
         assert len(surface_voxels(occupied)) < len(expected) < occupied.sum()
 
 
-def test_nothing_occupied(device: Device) -> None:
-    surface = run(device, np.zeros((12, 9, 10)))
-    assert surface.list.count.get()[0] == 0 and surface.list.occupied.get()[0] == 0
-    assert len(surface.surface_probability(0)) == 0
-
-
 @pytest.mark.parity("reconstruction/surface.mean_position")
 @pytest.mark.parametrize("shape", [*SHAPES, (60, 50, 40)])
 @pytest.mark.parametrize("share", [0.0, 0.1, 0.7])
