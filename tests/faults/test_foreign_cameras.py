@@ -162,14 +162,3 @@ def test_times_in_microseconds(stock: Path) -> None:
     faults.refused(
         ["psfs", "info", str(stock / "walk"), "--no-pictures"], stock, "expected times in s"
     )
-
-
-def test_help_in_a_list_of_takes(stock: Path) -> None:
-    (stock / "list.toml").write_text('[[take]]\nfolder = "seq"\nhelp = true\n')
-    words_of = ["apf", "batch", str(stock / "list.toml"), "-o", str(stock / "o")]
-    faults.refused(words_of, stock, "take 1: help is no setting")
-
-
-def test_a_board_without_inner_corners_is_not_printed(stock: Path) -> None:
-    words_of = ["psfs", "calibrate", "--print-board", str(stock / "b.pdf"), "--squares", "2x2"]
-    faults.refused(words_of, stock, "expected 3x3 or more")

@@ -237,8 +237,6 @@ FAULTS: dict[str, tuple[list[str], Change | None, str]] = {
     "a rate over nothing": ([*INFO, "--fps", "30/0"], None, "'30/0' is no frame rate"),
     "an empty folder": (["psfs", "info", "", "--no-pictures"], None, "FOLDER: is empty"),
     "a camera of no video": (INFO, other_camera, "cam02 for cam03, cam03 for gopro"),
-    "a dwarf's board": (["psfs", "calibrate", "--print-board", "b.pdf", "--square", "1e-6"], None,
-                        "markers of 1 mm or more"),
     "a mesh's check of the user": (["psfs", "mesh", "out", "--frame", "1", "--check"],
                                    file("out/mesh_check.json"), "out/mesh_check.json: is there"),
     "all meshes in one": (["psfs", "mesh", "out", "--frame", "all", "-o", "m.ply"], None, "m.ply"),

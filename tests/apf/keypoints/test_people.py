@@ -356,7 +356,7 @@ def test_deeplabcuts_h5_is_its_csv(tmp_path: Path, monkeypatch: pytest.MonkeyPat
         path.with_suffix(".h5").write_bytes(b"not HDF5")
         path.unlink()
     monkeypatch.setitem(__import__("sys").modules, "tables", None)  # as if not installed
-    with pytest.raises(apf.InputError, match=r"needs pandas and tables \(pip install psfs-apf\["):
+    with pytest.raises(apf.InputError, match=r"needs pandas and tables \(pip install "):
         Keypoints.open(tmp_path, RIG)
     monkeypatch.undo()
     pandas = pytest.importorskip("pandas")

@@ -9,12 +9,10 @@ import pytest
 from helpers import calibration as made
 
 from cl import InputError
-from psfs.calibration.bundle import FreeParameters, adjust_bundle
 from psfs.calibration.calibrator import CalibrationResult, calibrate_cameras
 from psfs.calibration.config import CalibrationConfig
 from psfs.calibration.report import judge_calibration, summarise_views
 from psfs.calibration.scene import CalibrationScene, all_reprojection_errors, rms
-from psfs.calibration.start.board import estimate_board_pose, place_cameras_by_board
 from psfs.calibration.targets.target import Sighting, Target, make_chessboard, make_wand
 from psfs.calibration.world import align_to_cameras, align_to_floor
 from psfs.cameras.camera import Camera
@@ -67,17 +65,6 @@ def test_false_detections_are_left_out() -> None:
     away, _ = made.differences(list(result.scene.cameras), FOUR)
     assert away.max() < 5 and 5 <= sum(result.dropped.values()) <= 10
     assert not result.disagreeing
-
-
-def test_a_sighting_without_a_pose_is_left_out() -> None:
-    """All points in one pixel, as of a false detection."""
-    sightings = made.sighted(BOARD, CAMERAS[:2], poses(BOARD, 12))
-    rig = made.unplaced(CAMERAS[:2])
-    one = np.full_like(sightings[0].pixels, 100.0)
-    wrong = replace(sightings[0], frame=99, pixels=one)
-    assert estimate_board_pose(rig[wrong.view], BOARD, wrong) is None
-    scene, kept = place_cameras_by_board(rig, BOARD, [wrong, *sightings], [(0, 1)])
-    assert {s.frame for s in kept} == set(scene.poses) == {s.frame for s in sightings}
 
 
 def test_a_camera_that_was_moved_is_named() -> None:
@@ -136,24 +123,6 @@ def test_lenses_that_opencv_ignores_are_refused() -> None:
     for camera, found in ((replace(CAMERAS[1], K=K), "a skew of 2 px"), (tsai, "Tsai's dist")):
         with pytest.raises(InputError, match=f"intrinsics of cam02 have {found}"):
             calibration_of(WAND, [], [CAMERAS[0], camera, *CAMERAS[2:]])
-
-
-def test_the_jacobian_is_that_of_the_residuals() -> None:
-    """Tests the gradient: from a distant start, one run reaches what a second does not improve."""
-    places = poses(WAND, 30)
-    sightings = made.sighted(WAND, CAMERAS, places)
-    sightings = [replace(s, ids=np.arange(2)) for s in sightings]
-    rng = np.random.default_rng(2)
-    off = [
-        made.rigid(made.cv2.Rodrigues(rng.normal(0, 0.05, 3))[0], rng.normal(0, 0.05, 3))
-        for _ in places
-    ]
-    start = CalibrationScene(tuple(CAMERAS), {k: pose @ off[k] for k, pose in enumerate(places)})
-    freedom = FreeParameters(lenses=(1, 2), held=(0,))
-    once = adjust_bundle(start, WAND, sightings, freedom, CONFIG)
-    twice = adjust_bundle(once, WAND, sightings, freedom, CONFIG)
-    errors = [rms(all_reprojection_errors(scene, WAND, sightings)) for scene in (once, twice)]
-    assert errors[0] == pytest.approx(errors[1], rel=1e-3)
 
 
 def test_too_few_common_views_and_groups_are_refused() -> None:

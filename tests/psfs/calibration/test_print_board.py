@@ -54,6 +54,8 @@ def test_a_page_in_its_true_size(tmp_path: Path, capsys: pytest.CaptureFixture[s
         (["--marker", "0.05"], "smaller than the squares"),
         (["--wand", "0.5"], "expected none with --print-board"),
         (["--square", "3"], "at most"),
+        (["--squares", "2x2"], "expected 3x3 or more"),
+        (["--square", "1e-6"], "markers of 1 mm or more"),
     ],
 )
 def test_impossible_boards(

@@ -49,7 +49,7 @@ def write_storage(path: Path, camera, rodrigues: bool) -> None:
     storage.release()
 
 
-@pytest.mark.parametrize("views", [1, 3, 11])
+@pytest.mark.parametrize("views", [1, 11])
 def test_toml(tmp_path: Path, views: int) -> None:
     rig = footage.rig(views)
     tables = {"metadata": {"error": 0.1}, "charuco": {"a": 1}, **footage.tables(rig)}
@@ -131,30 +131,12 @@ def test_easymocap(tmp_path: Path) -> None:
     same(read_calibration(tmp_path / "intri.yml", sizes=SIZE), rig)
 
 
-def test_middlebury(tmp_path: Path) -> None:
-    rig = footage.rig(3)
-    lines = [
-        " ".join([f"{c.name}.png", *(repr(float(v)) for v in [*c.K.ravel(), *c.R.ravel(), *c.t])])
-        for c in rig
-    ]
-    (tmp_path / "x_par.txt").write_text("\n".join(["3", *lines]) + "\n")
-    same(read_calibration(tmp_path / "x_par.txt", sizes=SIZE), rig, distorted=False)
-    (tmp_path / "x_par.txt").write_text("\n".join(["4", *lines]))
-    with pytest.raises(InputError, match="3 views; the first line promises 4"):
-        read_calibration(tmp_path / "x_par.txt", sizes=SIZE)
-
-
-@pytest.mark.parametrize("factor", [1.0, -2.5])
-@pytest.mark.parametrize("rows", [1, 3])
-def test_projection_matrices(tmp_path: Path, factor: float, rows: int) -> None:
+def test_projection_matrices_of_three_rows_and_any_scale(tmp_path: Path) -> None:
     rig = footage.rig(3)
     text = ""
     for camera in rig:
-        P = factor * camera.K @ np.column_stack([camera.R, camera.t])
-        if rows == 1:
-            text += " ".join([camera.name, *map(repr, P.ravel().tolist())]) + "\n"
-        else:
-            text += "\n".join(" ".join(map(repr, row)) for row in P.tolist()) + "\n\n"
+        P = -2.5 * camera.K @ np.column_stack([camera.R, camera.t])
+        text += "\n".join(" ".join(map(repr, row)) for row in P.tolist()) + "\n\n"
     (tmp_path / "projections.txt").write_text(text)
     read = read_calibration(tmp_path / "projections.txt", sizes=SIZE)
     same(read, rig, distorted=False)
@@ -186,17 +168,13 @@ def test_wrong_units(unit) -> None:
 
 
 @pytest.mark.parametrize("up", ["x", "-x", "y", "-y", "z", "-z"])
-def test_up_axis_becomes_z(up: str) -> None:
+def test_the_up_axis_becomes_z_and_the_pictures_stay(up: str) -> None:
     A = rotation_to_z_up(up)
     axis = (-1 if up[0] == "-" else 1) * np.eye(3)["xyz".index(up[-1])]
     np.testing.assert_array_equal(A @ axis, [0, 0, 1])
     assert np.linalg.det(A) == pytest.approx(1)
-
-
-def test_moving_the_world_keeps_the_pictures() -> None:
     rig = footage.rig(3)
     points = np.random.default_rng(1).uniform(-0.5, 0.5, (20, 3))
-    A = rotation_to_z_up("-y")
     moved = scale_rig(rotate_rig(rig, A), 0.01)
     for before, after in zip(rig, moved, strict=True):
         np.testing.assert_allclose(

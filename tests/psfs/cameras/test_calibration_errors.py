@@ -21,21 +21,10 @@ def _toml_with(change: Callable[[dict], object]) -> str:
 
 
 BROKEN = [
-    ("c.toml", _toml_with(lambda t: t.pop("matrix")), "lacks the key matrix"),
-    (
-        "c.toml",
-        _toml_with(lambda t: t.update(matrix=[[1.0, 2.0]])),
-        "expected 9 numbers",
-    ),
     (
         "c.toml",
         _toml_with(lambda t: t.update(matrix=[[1.0, 2.0], [3.0]])),
         "expected 9 numbers",
-    ),
-    (
-        "c.toml",
-        _toml_with(lambda t: t.update(distortions=[float("nan")] * 4)),
-        "a finite number",
     ),
     ("c.toml", _toml_with(lambda t: t.update(distortions=[0.1] * 8)), "at most 5"),
     ("c.toml", _toml_with(lambda t: t.update(distortions="none")), "cam02: distortions"),
@@ -45,19 +34,17 @@ BROKEN = [
         "a finite number",
     ),
     ("c.toml", _toml_with(lambda t: t.update(size=["a", "b"])), "size"),
-    ("c.toml", _toml_with(lambda t: t.update(size=[0.0, 480.0])), "size"),
-    ("c.toml", _toml_with(lambda t: t.update(name="cam01")), "names must differ"),
     ("c.toml", "[cam01\nname = 3", "malformed TOML"),
     ("c.toml", "title = 'nothing'", "no camera tables"),
     ("c.cal", "1 2 3", "3 numbers; expected at least 22"),
     ("c.cal", "1 2 x", "found 'x'"),
     ("c.cal", "500 500 32 24 0 0 0 0 0 0 1 0 0 0 1 0 0 0 -2 0 0 0", "R is not a rotation"),
-    ("c.cal", "500 500 32 24 0 0 0 0 0 0 1 0 0 0 1.1 0 0 0 1 0 0 0", "R is not a rotation"),
     ("c.cal", "500 500 32 24 0 0 0 0 0 0 1 0 0 0 nan 0 0 0 1 0 0 0", "not finite"),
     ("c.xml", "<?xml version='1.0'?><opencv_storage><a></opencv_storage>", "malformed"),
     ("c.yml", "%YAML:1.0\n---\nsomething: 3\n", "no CameraMatrix"),
     ("c.json", "", "c.json"),
     ("x_par.txt", "1\na.png 1 2 3", "view a: 3 numbers; expected 21"),
+    ("x_par.txt", "4\na.png " + "1 " * 21, "1 views; the first line promises 4"),
     ("p.txt", "cam 1 2 3", "expected 12"),
     ("p.txt", "cam " + "1 " * 12, "singular"),
     ("p.txt", "cam nan " + "1 " * 11, "not finite"),

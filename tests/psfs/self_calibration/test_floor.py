@@ -7,7 +7,7 @@ import pytest
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.diagnostics.frontier import SilhouetteContours
 from psfs.diagnostics.small_views import extract_outline
-from psfs.self_calibration.world import measure_floor
+from psfs.self_calibration.world import fit_floor, measure_floor
 
 
 def make_rig():
@@ -64,3 +64,12 @@ def test_nobody_tells_no_floor():
     contours = [SilhouetteContours([None])] * 4
     zeros = np.zeros(4, int)
     assert measure_floor(make_rig(), contours, zeros, zeros[:1], np.zeros((1, 2))) == 0
+
+
+def test_hands_that_are_lowest_do_not_tilt_the_floor():
+    rng = np.random.default_rng(3)
+    low = np.column_stack([rng.uniform(-1.6, 1.6, (160, 2)), rng.normal(0, 0.015, 160)])
+    low[:, 2] += 0.03 * low[:, 0] - 0.02 * low[:, 1]
+    low[low[:, 0] > 1.2, 2] += 0.9  # at one end of the walk the feet are not seen
+    assert 10 < (low[:, 2] > 0.5).sum() < 40
+    np.testing.assert_allclose(fit_floor(low), [0.03, -0.02], atol=0.004)

@@ -18,7 +18,6 @@ from psfs.self_calibration.points.bundle import (
     project,
 )
 from psfs.self_calibration.points.calibrator import calibrate_by_points
-from psfs.self_calibration.points.lags import estimate_lags
 from psfs.self_calibration.points.start import pose_sigmas
 
 CAMERAS = ring()[:4]
@@ -85,12 +84,6 @@ def test_focal_lengths_are_found_from_an_angle_of_view():
     assert compare(found.rig) < 0.01
 
 
-def test_lags_are_those_at_which_epipolar_lines_fit():
-    flat = seen()[..., :2]
-    lags = estimate_lags(flat, 9, 60, 0.5)
-    np.testing.assert_allclose(lags, LAGS, atol=0.5)
-
-
 @pytest.mark.parametrize("rigid", [False, True])
 def test_the_steps_use_the_errors_derivatives(rigid):
     """Four steps from a slightly wrong scene are enough if the derivatives are right."""
@@ -111,26 +104,6 @@ def test_the_steps_use_the_errors_derivatives(rigid):
     found = adjust_points(start, observations, sigmas, 1e-3)
     assert np.abs(project(found, observations)[1]).max() < 1e-3
     np.testing.assert_allclose(found.lags, lags, atol=1e-3)
-
-
-def test_segments_keep_their_length():
-    """Two cameras, noise, one point seen seldom: with segments the lengths vary less."""
-    rng = np.random.default_rng(5)
-    body = rng.uniform(-0.4, 0.4, (4, 3))
-    turns = [cv2.Rodrigues(rng.normal(0, 0.5, 3))[0] for _ in range(20)]
-    points = np.concatenate([body @ turn.T for turn in turns]) + np.array([0, 0, 0.9])
-    plain = [replace(camera, distortion=np.zeros(5)) for camera in CAMERAS[:2]]
-    pixels = np.stack([camera.project(points)[0] for camera in plain])
-    pixels += rng.normal(0, 2, pixels.shape)
-    spreads = []
-    for pairs in (None, Segments(np.array([[0, 1], [1, 2]]), 4, 0.02)):
-        observations = PointObservations(pixels, 0 * pixels, pairs)
-        start = PointScene(tuple(plain), np.zeros(2), points)
-        found = adjust_points(start, observations, np.zeros((2, 8)), 2.0)
-        places = found.points.reshape(20, 4, 3)
-        lengths = np.linalg.norm(places[:, [0, 1]] - places[:, [1, 2]], axis=-1)
-        spreads.append((lengths.std(axis=0) / lengths.mean(axis=0)).max())
-    assert spreads[1] < 0.7 * spreads[0]
 
 
 def test_what_does_not_fit_is_refused():
