@@ -12,7 +12,6 @@ from helpers.faults import refused
 
 from apf.keypoints.opening import read_raw
 from cl import InputError
-from psfs.cameras.calibration import find_calibration, read_calibration
 from psfs.common.reading import open_input
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="there are no named pipes")
@@ -55,14 +54,6 @@ def test_pipes_of_keypoints(tmp_path: Path, name: str) -> None:
     os.mkfifo(path)
     with pytest.raises(InputError, match="is no regular file"):
         read_raw(path.parent if path.suffix == ".json" else path)
-
-
-def test_a_pipe_as_calibration(tmp_path: Path) -> None:
-    os.mkfifo(tmp_path / "calibration.toml")
-    found = find_calibration(tmp_path)
-    assert found is not None
-    with pytest.raises(InputError, match=r"calibration\.toml: is no regular file"):
-        read_calibration(found)
 
 
 @pytest.mark.parametrize("path", ["/dev/zero", "/dev/null"])

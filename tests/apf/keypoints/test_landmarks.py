@@ -40,15 +40,6 @@ def landmarks_side(name: str) -> str | None:
     return name[0].lower() if name[0] in "LR" and name[1].isupper() else None
 
 
-def test_landmarks_are_mirrored_and_have_partners() -> None:
-    by_name = {landmark.name: landmark for landmark in load_landmarks()}
-    for landmark in by_name.values():
-        if landmark.partner is not None:
-            other = by_name[landmark.partner]
-            assert other.partner == landmark.name != other.name
-            np.testing.assert_array_equal(other.offset, landmark.offset * [1, -1, 1])
-
-
 def test_points_lie_where_the_body_has_them() -> None:
     body = load_body("song31")
     names = orders.MEDIAPIPE
