@@ -13,7 +13,6 @@ from helpers.shared import ROOT
 
 sys.path.insert(0, str(ROOT / "scripts"))
 
-from timings.grid import number
 from timings.measure import Limits
 from timings.report import (
     amdahl,
@@ -21,11 +20,10 @@ from timings.report import (
     read_machines,
     roofline,
     serial_share,
-    update_page,
     write_figure,
     write_report,
 )
-from timings.results import Results, read_results
+from timings.results import Results
 from timings.stages import PARTS, find_stage, stage_times
 from timings.whole_tables import papers, table_3
 
@@ -113,16 +111,6 @@ def test_every_column_of_songs_table_4_has_the_mean_that_table_2_prints() -> Non
     assert ratios["GPU / CPU"] == pytest.approx(averages["CPU"] / averages["GPU (final)"], rel=1e-5)
 
 
-def test_results_come_back_from_their_file_as_they_were(tmp_path: Path) -> None:
-    results = Results.begin("whole", arguments(tmp_path), {"shape": (1, 2)})
-    value = {"a": Timing((3.0, 1.0, 2.0)), "limits": Limits(1.0, 2.0), "n": np.int64(4)}
-    results.section("one", lambda: value)
-    back = read_results(tmp_path / "whole.json")
-    assert back.sections == {"one": {**value, "n": 4}}
-    assert back.settings == {"shape": [1, 2], "quick": True}
-    assert back.sections["one"]["a"].median == 2.0
-
-
 def test_what_is_missing_is_told_and_measured_when_resumed(tmp_path: Path) -> None:
     def absent() -> None:
         raise ModuleNotFoundError("No module named 'open3d'")
@@ -179,42 +167,9 @@ def test_the_page_has_every_comparison_of_every_machine(tmp_path: Path) -> None:
         assert (tmp_path / "figure.svg").stat().st_size > 10_000
 
 
-def test_the_readmes_table_is_made_between_its_marks(tmp_path: Path) -> None:
-    machines = read_machines([measured(tmp_path / "some")])
-    readme = tmp_path / "README.md"
-    readme.write_text("before\n<!-- timings: begin -->\nold\n<!-- timings: end -->\nafter\n")
-    update_page(readme, machines)
-    text = readme.read_text()
-    assert text.startswith("before\n")
-    assert text.endswith("\nafter\n")
-    assert "old" not in text
-    assert "44.5 x as fast as OpenCL CPU, one core (Song et al., GPU / CPU: 399 x), 17.9 x" in text
-    assert "OpenCL GPU, Some GPU | 9.00 |" in text
-    shown = "OpenCL GPU, Some GPU, streamed, coloured voxels downloaded | 8.02 | 125 | 49.9 x | 5 |"
-    assert shown in text
-    assert (
-        "NumPy, one thread (an unoptimised specification) | 8,000 | 0.125 | 0.0500 x | 6 |" in text
-    )
-    assert "Medians; Song et al.'s are means." in text
-    update_page(readme, machines)
-    assert readme.read_text() == text
-    readme.write_text("no marks")
-    with pytest.raises(InputError, match="expected <!-- timings: begin -->"):
-        update_page(readme, machines)
-
-
 def test_amdahls_serial_share_is_found() -> None:
     times = [(n, 80.0 * (0.3 + 0.7 / n)) for n in (1, 2, 4, 16)]
     assert serial_share(times) == pytest.approx(0.3)
-
-
-@pytest.mark.parametrize(
-    ("value", "text"),
-    [(None, "-"), (0.0, "0"), (0.00916, "0.00916"), (9.996, "10.0"), (33877.57, "33,900"),
-     (84.845, "84.8"), (1.0, "1.00")],
-)  # fmt: skip
-def test_numbers_are_shown_with_three_digits(value: float | None, text: str) -> None:
-    assert number(value) == text
 
 
 def small_problem(device: Device) -> Problem:
