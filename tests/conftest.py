@@ -22,10 +22,9 @@ os.environ.pop("LINES", None)
 # Else every command that a test starts compiles the packages again, for half a second.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
-import cv2
 import numpy as np
 import pytest
-from helpers import examined, footage, parity, scenes
+from helpers import examined, faults, parity
 from pyopencl import invoker
 
 from apf.initialisation.config import (
@@ -84,15 +83,7 @@ def walk(made_walk: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="session")
 def made_out(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A stored run within its sequence's folder, for `out` to copy."""
-    folder = tmp_path_factory.mktemp("made") / "masks"
-    rig = scenes.ring(5, size=(160, 120))
-    footage.write_toml(folder / "calibration.toml", footage.tables(rig))
-    for camera, mask in zip(rig, scenes.masks_of(rig), strict=True):
-        target = folder / "masks" / camera.name
-        target.mkdir(parents=True)
-        for frame in range(3):
-            picture = mask[: camera.size[1], : camera.size[0]] * np.uint8(frame > 0)
-            cv2.imwrite(str(target / f"{frame:04d}.png"), picture)
+    folder = faults.masks_folder(tmp_path_factory.mktemp("made") / "masks")
     out = folder / "out"
     assert main(["reconstruct", str(folder), "-o", str(out), "--voxel-size", "0.04"]) == 0
     return out

@@ -35,7 +35,7 @@ NUMBERS: dict[str, Any] = {
     "an escape": ("name", "a\x1b[31mb", "cam02"),
     "a long name": ("name", "x" * 300, "300 characters"),
     "the name of another": ("name", "cam01", "names must differ"),
-    "fisheye": ("fisheye", True, "fisheye"),
+    "fisheye": ("fisheye", 3, "fisheye"),
 }
 
 
