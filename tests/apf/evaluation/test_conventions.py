@@ -11,7 +11,7 @@ import pytest
 from helpers import tracks
 
 from apf.cli import main
-from apf.evaluation.conventions import axes_that_fit, choose_convention
+from apf.evaluation.conventions import axes_that_fit
 from apf.evaluation.evaluate import evaluate
 from apf.formats.trc import CONVENTIONS, JointSeries, write_trc
 
@@ -49,13 +49,6 @@ def test_the_axes_of_a_trc_are_found(
     assert "warning" not in text
     summary = json.loads((tmp_path / "evaluation.json").read_text())
     assert summary["mean_error_mm"] < 1
-
-
-def test_no_axes_are_chosen_for_another_take() -> None:
-    truth = tracks.truth_of(TRACK)
-    noise = np.random.default_rng(0).uniform(-2, 2, truth.joints.shape)
-    other = replace(truth, joints=noise)
-    assert choose_convention(TRACK, other, "y-up") == ("y-up", other)
 
 
 def test_units_and_axes_without_a_name() -> None:

@@ -11,13 +11,12 @@ import cv2
 import numpy as np
 import pytest
 from helpers import tracks
-from helpers.shared import shared_data
 
 from apf.cli import main
 from apf.evaluation.evaluate import evaluate
 from apf.evaluation.joint_names import EVALUATED_JOINTS, match_joints
 from apf.evaluation.truth import load_truth
-from apf.formats.trc import JointSeries, read_trc
+from apf.formats.trc import JointSeries
 from apf.formats.writers import WRITERS
 from cl import InputError
 
@@ -150,22 +149,6 @@ def test_nothing_in_common() -> None:
         evaluate(track, replace(truth, frames=truth.frames + 9))
     with pytest.raises(InputError, match="NaN"):
         evaluate(track, replace(truth, joints=np.full_like(truth.joints, np.nan)))
-
-
-def test_real_truths_against_themselves() -> None:
-    folder = shared_data("synth_walk_8cam")
-    npz, trc = load_truth(folder / "truth.npz"), load_truth(folder / "truth.trc")
-    evaluation = evaluate(npz, trc)
-    assert evaluation.joint_names == EVALUATED_JOINTS
-    assert evaluation.mean_error < 1e-6
-    pose2sim = shared_data("pose2sim_balance") / "truth"
-    raw, smooth = (
-        read_trc(pose2sim / f"S00_P00_T01_BalancingTrial_0-100{kind}.trc", "pose2sim")
-        for kind in ("", "_filt_butterworth")
-    )
-    evaluation = evaluate(raw, smooth)
-    assert len(evaluation.joint_names) == 15
-    assert 0 < evaluation.mean_error < 0.03
 
 
 # The command ------------------------------------------------------------------------------------

@@ -128,7 +128,6 @@ def test_command_compares_all_people(tmp_path: Path, capsys: pytest.CaptureFixtu
     ("change", "said"),
     [
         ({"scale": 1000.0}, "coordinates times 0.001"),
-        ({"axes": [0, 2, 1]}, "world axes"),
         ({"shift": 50.0}, "no other axes or unit bring it near"),
         ({"n": 5}, "covers 5 of the track's 20 frames"),
         ({}, ""),

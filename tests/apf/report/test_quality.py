@@ -10,13 +10,12 @@ import pytest
 from helpers import tracks
 
 from apf.body.kinematics import posed_cones, posed_joints
-from apf.body.model import BodyModel, plain_name
+from apf.body.model import BodyModel
 from apf.body.toml import load_body
 from apf.evaluation.truth import load_truth
 from apf.initialisation.from_joints import fit_to_joints
 from apf.keypoints.keypoints import Keypoints
 from apf.report.agreement import (
-    choose_rows,
     compare_with_silhouettes,
     find_parts,
     measure_explained,
@@ -73,7 +72,6 @@ def test_a_good_track_looks_good(scene: Scene) -> None:
     ("dof", "by", "part"),
     [
         ("l_upper_arm.ry", -0.9, "left arm"),
-        ("r_forearm.ry", 1.5, "right arm"),
         ("l_thigh.ry", 0.7, "left leg"),
     ],
 )
@@ -187,7 +185,7 @@ def test_lost_frames_and_unsure_ends() -> None:
     assert quality.facts()["body_iou"] is None
 
 
-@pytest.mark.parametrize("name", ["song31", "rymut31", "rymut31_upper", "rymut31_lower"])
+@pytest.mark.parametrize("name", ["song31", "rymut31_lower"])
 def test_parts_of_shipped_bodies(name: str) -> None:
     body = load_body(name)
     parts = find_parts(body)
@@ -200,12 +198,6 @@ def test_parts_of_shipped_bodies(name: str) -> None:
     assert (
         ends.get("right leg", "r_ankle") == "r_ankle" and ends.get("head", "head_top") == "head_top"
     )
-
-
-def test_names_and_rows() -> None:
-    assert plain_name("l_upper_arm") == "left upper arm" and plain_name("head_top") == "head top"
-    assert choose_rows(5).tolist() == [0, 1, 2, 3, 4] and choose_rows(0).size == 0
-    assert len(choose_rows(401)) <= 200 and choose_rows(401)[1] == 3
 
 
 def test_frames_without_the_person_are_not_judged() -> None:

@@ -25,7 +25,7 @@ from apf.scene import Scene
 from apf.tracking.pipeline import TrackingTask, track_frames
 from apf.tracking.settings import TakeSettings
 from apf.tracking.take import track_take
-from cl import Device, InputError
+from cl import Device
 from psfs.cameras.camera import CameraRig
 from psfs.session import Session
 
@@ -62,17 +62,6 @@ def miss(track: apf.Track) -> float:
     """m, mean over frames and joints."""
     truth = posed_joints(BODY, poses()[track.frames])
     return float(np.linalg.norm(track.joints - truth, axis=-1).mean())
-
-
-def test_keypoints_alone_need_no_picture(device: Device) -> None:
-    keypoints = of_poses(RIG, BODY, poses(), noise=2.0)
-    method = Method.create(objective="keypoints", n_particles=100, n_layers=5)
-    settings = TakeSettings(method=method, seeds=(0, 1), keypoints=keypoints)
-    take = track_take(blind_session(device), settings)
-    assert len(take.tracks) == 2 and take.start is None
-    for track in take.tracks:
-        assert miss(track) < 0.03 and not track.lost.any()
-    assert (take.tracks[0].poses != take.tracks[1].poses).any()
 
 
 def test_a_body_is_tracked_from_a_frame_to_both_ends(device: Device) -> None:
@@ -122,11 +111,6 @@ def test_two_cameras_of_six_move_nobody(device: Device) -> None:
     assert np.flatnonzero(track.lost).tolist() == [5]
     away = np.linalg.norm(track.joints - posed_joints(BODY, still), axis=-1)
     assert away.mean(1).max() < 0.05
-
-
-def test_a_method_with_keypoints_needs_some(device: Device) -> None:
-    with pytest.raises(InputError, match="none were given"):
-        track_take(blind_session(device), TakeSettings(method=Method.create(objective="keypoints")))
 
 
 def test_live_keypoints_frame_by_frame(device: Device) -> None:

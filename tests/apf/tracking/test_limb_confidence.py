@@ -39,13 +39,6 @@ def test_margins_are_those_of_the_best_candidate_elsewhere() -> None:
     assert worse[ARM] == 0.0  # what was not taken fits better
 
 
-def test_nothing_is_known_where_no_limb_was_looked_for() -> None:
-    poses = np.tile(BODY.rest_pose, (7, 1))
-    margins = limb_margins(BODY, poses, poses[:, None], np.zeros((7, 1)))
-    assert margins.shape == (7, 4) and np.isnan(margins).all()
-    assert np.isnan(limb_confidence(margins, np.zeros((7, 4, 3)), np.arange(7) / 60)).all()
-
-
 def test_what_speaks_against_a_limb(monkeypatch: pytest.MonkeyPatch) -> None:
     """Each by itself, a mean over a moment; whatever the rate of the frames."""
     for fps in (30, 60):
@@ -62,14 +55,6 @@ def test_what_speaks_against_a_limb(monkeypatch: pytest.MonkeyPatch) -> None:
         assert believed[3 * n // 4 :, :2].max() < 0.45
         crossing = [int(np.argmax(believed[:, k] < LOST)) / n for k in range(2)]
         np.testing.assert_allclose(crossing, 0.5, atol=0.1)
-
-
-def test_nothing_is_known_of_limbs_of_a_still_or_a_short_clip() -> None:
-    """However well all passes agree."""
-    for n, known in ((1, False), (14, False), (15, True)):
-        margins, agreed = np.full((n, 4), np.inf), np.full((n, 4), 0.01)
-        believed = limb_confidence(margins, np.zeros((n, 4, 3)), np.arange(n) / 30, agreed)
-        assert believed.shape == (n, 4) and (np.isfinite(believed) == known).all()
 
 
 def test_ways_that_disagree_are_not_believed() -> None:

@@ -11,9 +11,9 @@ import ezc3d
 import numpy as np
 import pygltflib
 import pytest
-from helpers import bodies, tracks
+from helpers import tracks
 
-from apf.body.limbs import limb_angles, limb_joints, limb_names
+from apf.body.limbs import limb_names
 from apf.cli import main
 from apf.evaluation.evaluate import evaluate
 from apf.formats.angles import write_angle_csv
@@ -38,20 +38,6 @@ def track() -> Track:
     return replace(
         walker, poses=poses, diagnostics={**walker.diagnostics, "limb_confidence": believed}
     )
-
-
-def test_limbs_by_their_names() -> None:
-    body = tracks.walker(1).its_body
-    names = limb_names(body)
-    assert set(names) == {"left arm", "right arm", "left leg", "right leg"}
-    moved = dict(zip(names, limb_joints(body), strict=True))
-    joints = np.array(body.joint_names)
-    assert joints[moved["left leg"]].tolist() == ["l_knee", "l_ankle"]  # not the hip
-    assert joints[moved["right arm"]].tolist() == ["r_shoulder", "r_elbow", "r_wrist"]
-    angles = ("l_knee_flexion", "knee_angle_l", "elbow_flex_r", "trunk_left_rotation")
-    of = dict(zip(names, limb_angles(body, angles).tolist(), strict=True))
-    assert of["left leg"] == [True, True, False, False] and of["right arm"][2]
-    assert limb_names(bodies.named("stick")) == ()
 
 
 def test_points_and_angles_are_missing_where_the_limb_is_lost(track: Track) -> None:

@@ -54,14 +54,6 @@ def test_the_cutoff_halves_the_amplitude(cutoff: float) -> None:
     assert np.abs(found - slow)[500:1500].max() < 0.01
 
 
-def test_a_straight_line_is_kept() -> None:
-    times = np.arange(50) / 60
-    line = 3.0 + 2.0 * times[:, None]
-    for lag in (None, 5):
-        found = smooth_series(line, np.ones_like(line), times, SmoothingConfig(cutoff=6.0, lag=lag))
-        np.testing.assert_allclose(found[10:], line[10:], atol=2e-3)
-
-
 def test_uncertain_frames_count_less() -> None:
     true, track = jittery()
     deviation = np.ones_like(track.poses)

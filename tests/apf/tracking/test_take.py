@@ -60,10 +60,6 @@ def test_the_start_is_where_the_person_stands_whole() -> None:
     assert all(55 <= frame <= 75 for frame in ranked[:2]) and ranked == sorted(ranked)
 
 
-def test_of_equal_frames_the_first_is_the_start() -> None:
-    assert rank_starts(session_of({range(N): block(1.7)}))[0] == 0
-
-
 def test_nobody_in_any_frame_is_an_error_of_the_start() -> None:
     with pytest.raises(StartError, match="nobody is seen in 24 frames"):
         rank_starts(session_of({range(N): block(0.1)}))

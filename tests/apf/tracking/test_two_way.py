@@ -22,7 +22,6 @@ from apf.filters.method import Method
 from apf.initialisation.kept_voxels import RestoredVoxels, crop_voxels
 from apf.reference.likelihood.voxel import uncrop
 from apf.scene import Scene
-from apf.tracking import two_way
 from apf.tracking.limb_confidence import LEAST_DISTANCE, SAME_PLACE
 from apf.tracking.recovery import SeparateRuns
 from apf.tracking.trackers import make_recovering_runs, make_recovering_tracker, run_seeds
@@ -191,16 +190,6 @@ def test_a_lost_way_says_nothing() -> None:
     assert all(np.isnan(one.disagreement).all() for one in found[1:])
 
 
-def test_exchanged_poses_differ_in_one_limb() -> None:
-    ahead = BODY.rest_pose
-    behind = np.where(limb_masks(BODY).any(0), ahead + 0.1, ahead)
-    poses = exchange_limbs(BODY, np.stack([ahead, behind]))
-    np.testing.assert_array_equal(poses[:2], [ahead, behind])
-    for limb, mask in enumerate(limb_masks(BODY)):
-        np.testing.assert_array_equal(poses[2 + limb], np.where(mask, behind, ahead))
-        np.testing.assert_array_equal(poses[2 + N_LIMBS + limb], np.where(mask, ahead, behind))
-
-
 @dataclass
 class Follower:
     """Estimates what it is shown, and remembers it."""
@@ -256,13 +245,6 @@ def test_windows_overlap_and_give_every_frame_once(short_windows: None) -> None:
     ])  # fmt: skip
     np.testing.assert_allclose(back.seen, 0.01 * expected)
     assert told.count("tracking back") == len(expected)
-
-
-def test_windows_end_with_the_memory() -> None:
-    most = two_way.MOST_BYTES
-    assert not two_way.is_full(9, most) and two_way.is_full(9, most + 1)
-    assert not two_way.is_full(2, 9 * most)  # a backward pass needs frames
-    assert two_way.is_full(two_way.MOST_FRAMES, 0)
 
 
 @pytest.mark.parity("common/uncrop.uncrop")

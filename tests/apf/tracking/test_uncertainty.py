@@ -42,18 +42,6 @@ def test_joints_spread_as_samples_of_the_pose_do() -> None:
     np.testing.assert_allclose(held.mean(), 0.95, atol=0.01)
 
 
-def test_without_information_the_particles_speak() -> None:
-    poses = bodies.random_poses(SONG, 40)  # more than one block
-    deviation = np.full((40, SONG.n_dof), 0.01)
-    nothing = np.zeros((40, SONG.n_dof, SONG.n_dof))
-    found = raw_covariance(SONG, poses, nothing, deviation)
-    assert found.shape == (40, len(SONG.joints), 3, 3)
-    again = raw_covariance(SONG, poses, nothing, 2 * deviation)
-    np.testing.assert_allclose(again, 4 * found)
-    single = raw_covariance(SONG, poses[35:36], nothing[:1], deviation[:1])
-    np.testing.assert_allclose(single[0], found[35], atol=1e-12)
-
-
 def test_calibration_scales_and_adds_a_floor_per_joint() -> None:
     poses = bodies.random_poses(SONG, 2)
     known, deviation = np.stack(2 * [1e4 * np.eye(31)]), np.full((2, 31), 0.01)
@@ -83,9 +71,3 @@ def test_frames_that_nothing_refined_have_no_covariance() -> None:
         SONG, bodies.random_poses(SONG, 2), information, np.full((2, 31), 0.01)
     )
     assert np.isfinite(found[0]).all() and np.isnan(found[1]).all()
-
-
-def test_ellipsoids_hold_what_they_say() -> None:
-    covariance = np.diag([4.0, 1.0, 1.0])
-    offsets = np.array([[5.0, 0, 0], [0, 5.0, 0], [0, 0, 2.7], [6.0, 0, 0]])
-    assert is_inside_ellipsoid(offsets, covariance).tolist() == [True, False, True, False]
