@@ -10,15 +10,14 @@ import pytest
 from helpers import footage, scenes
 from helpers.parity import traced
 
-from cl import Device, InputError
+from cl import Device
 from psfs.background.chroma_key import ChromaKey, key_from_media
 from psfs.cameras.camera import CameraRig
 from psfs.cli import main
-from psfs.common.colours import chromaticity, parse_colour
+from psfs.common.colours import chromaticity
 from psfs.footage.media import open_media
 from psfs.reconstructor import Reconstructor
 from psfs.reference.chroma_key import chroma_ratio
-from psfs.reference.silhouette import silhouette_evidence
 from psfs.sequence import Sequence
 from psfs.silhouettes.config import SilhouetteConfig
 from psfs.silhouettes.silhouette import Silhouette
@@ -67,20 +66,6 @@ def test_ratios_agree_with_the_twin(device: Device, views: int, size: tuple[int,
         expected = np.floor(np.clip(nats, *evidence.ratio_range) + 0.5).astype(int)
         wrong = np.abs(found[view] - np.where(background.screen[view] > 0, expected, 0))
         assert wrong.max() <= 1 and (wrong > 0).mean() < 5e-3  # half a count
-
-
-@pytest.mark.parametrize("views", [1, 3])
-def test_maps_agree_with_the_twin(device: Device, views: int) -> None:
-    rig = scenes.ring(views)
-    background, config = key_of(rig), SilhouetteConfig()
-    images = near_the_screens_colour(rig)
-    silhouette = Silhouette(device, rig, background, config)
-    counts = silhouette(images).get().astype(int)
-    expected = silhouette_evidence(images, rig, background, config)
-    assert (np.abs(counts - expected) > 1).mean() < 1e-3
-    assert 0.05 < (expected > 0).mean() < 0.95
-    assert not counts[:, :, :8].any()  # nothing is said of what lies beside the screen
-    assert silhouette.foreground is None
 
 
 def test_shadow_is_screen_and_spill_is_person() -> None:
@@ -139,12 +124,6 @@ def test_no_screen_is_an_error(tmp_path: Path, capsys: pytest.CaptureFixture[str
         assert main([*command, *more]) == 2
         (line,) = capsys.readouterr().err.strip().splitlines()
         assert message in line
-
-
-def test_colours_are_read() -> None:
-    np.testing.assert_array_equal(parse_colour("#00b140"), [64, 177, 0])
-    with pytest.raises(InputError, match="#00b1"):
-        parse_colour("#00b1")
 
 
 def test_an_empty_plate_says_where_the_screen_is(tmp_path: Path) -> None:

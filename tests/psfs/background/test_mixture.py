@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers import footage
-from helpers.shared import shared_data
 
 from psfs.background.mixture import Mixture
 from psfs.sequence import Sequence
@@ -50,12 +49,3 @@ def test_a_plain_mixture_takes_shadows_for_the_person(tmp_path: Path) -> None:
         for kind in ("mog-adaptive", "mog-plain")
     )
     assert not as_shadow.any() and (as_person == 255).all()
-
-
-def test_masks_do_not_depend_on_the_frames_before() -> None:
-    sequence = Sequence.open(shared_data("utrecht_seated"), background="mog")
-    alone = sequence.read(2).masks
-    after = list(sequence.frames(slice(0, 3)))[-1].masks
-    assert alone is not None and after is not None
-    np.testing.assert_array_equal(alone, after)
-    assert 0.01 < (alone > 0).mean() < 0.1

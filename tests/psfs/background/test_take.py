@@ -154,23 +154,6 @@ def test_the_persons_colours_are_found_although_the_median_shows_them() -> None:
     assert np.median(np.abs(extrapolated[person[0] & region][:, :3] - 120)) < 6
 
 
-def test_no_background_is_extrapolated_that_looks_like_the_person() -> None:
-    frames, person = swaying()
-    frames[:] = [20, 30, 160]
-    search = densities(frames, person.any(0))
-    search.learn_person([search.count_colours(person)])
-    assert np.isnan(search.extrapolate()[..., 3]).all()
-
-
-def test_what_moved_is_found_and_filled() -> None:
-    frames = np.full((9, 60, 80, 3), 100, np.uint8)
-    for k in range(9):
-        frames[k, 20 + k % 4 : 50 + k % 4, 30 + k % 3 : 50 + k % 3] = 200  # not in its middle
-    region = find_moving_region(frames)
-    assert region[22:50, 32:50].all() and region.sum() < 2 * 30 * 22
-    assert not find_moving_region(frames[:1].repeat(9, 0)).any()
-
-
 def test_others_cameras_say_where_the_person_is_who_hides_from_one() -> None:
     """In one camera the person looks like the background, in another something else moves. Where
     few other cameras look it may be a person."""

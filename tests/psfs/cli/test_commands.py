@@ -13,10 +13,8 @@ from helpers import scenes
 
 import psfs.cli.reconstruct as command
 from psfs.cli import main
-from psfs.diagnostics.reprojection_iou import volume_region, whole_silhouette
 from psfs.output.preview import draw_preview
 from psfs.voxels.clouds import read_cloud
-from psfs.voxels.grid import VoxelGrid
 
 FRAMES = 4
 
@@ -80,16 +78,6 @@ def test_reconstruct_then_check_then_view(
     assert (tmp_path / "view.png").is_file()
     assert main(["view", str(out), "--frame", "9"]) == 2
     assert "frames 0 to 3" in capsys.readouterr().err
-
-
-def test_the_twin_gives_the_same_clouds(folder: Path, tmp_path: Path) -> None:
-    flags = ("--frames", "1:2", "--volume", "-0.5,0.6,-0.5,0.5,0,1.8")
-    assert reconstruct(folder, tmp_path / "cl", *flags) == 0
-    assert reconstruct(folder, tmp_path / "np", *flags, "--device", "numpy") == 0
-    ours, twins = (
-        read_cloud(tmp_path / name / "clouds" / "frame_000001.npz").indices for name in ("cl", "np")
-    )
-    assert len(np.setxor1d(ours, twins)) <= 0.02 * len(twins)
 
 
 def test_a_track_of_the_take_and_of_another(
@@ -181,22 +169,3 @@ def test_check_names_what_is_missing(
     capsys.readouterr()
     assert main(["check", str(out)]) == 2
     assert "/gone is gone" in capsys.readouterr().err
-
-
-def test_speckle_and_volume_region() -> None:
-    silhouette = np.zeros((80, 100), bool)
-    silhouette[20:60, 30:60] = True
-    everywhere = np.ones_like(silhouette)
-    clean = whole_silhouette(silhouette, everywhere)
-    silhouette[5:9, 80:84] = True  # survives the median, not the share
-    silhouette[70, 10] = True
-    np.testing.assert_array_equal(whole_silhouette(silhouette, everywhere), clean)
-    assert not whole_silhouette(np.zeros((80, 100), bool), everywhere).any()
-
-    rig = scenes.ring(2)
-    grid = VoxelGrid(np.array([-0.2, -0.2, 0.5]), 0.1, (4, 4, 6))
-    region = volume_region(rig, grid)
-    for view, camera in enumerate(rig):
-        pixels, _ = camera.project(grid.centres())
-        column, row = np.rint(pixels).astype(int).T
-        assert region[view, row, column].all() and region[view].mean() < 0.5

@@ -14,7 +14,7 @@ from scipy import spatial
 
 from cl import Device, NumpyDevice, select_device
 from psfs.cli import main
-from psfs.mesh.marching_cubes import Mesher, occupied_box
+from psfs.mesh.marching_cubes import Mesher
 from psfs.output.reconstruction_folder import ReconstructionFolder
 
 
@@ -71,19 +71,6 @@ def test_the_surface_is_that_of_the_run(out: Path, device: Device | NumpyDevice)
         assert distance.max() <= cloud.grid.voxel_size * 1.0001
         distance, _ = spatial.cKDTree(mesh.vertices).query(cloud.centres)
         assert distance.max() <= cloud.grid.voxel_size * np.sqrt(3)  # closed: diagonals, too
-
-
-def test_the_voxels_are_the_clouds_whatever_comes_out_anew(
-    out: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    run = ReconstructionFolder.open(out)
-    mesher = Mesher(select_device("auto"), run, run.sequence())
-    whole = mesher(1)
-    for value in (0.0, 1.0):
-        probability = np.full(occupied_box(run.cloud(1)).shape, value, np.float32)
-        monkeypatch.setattr(mesher, "probability", lambda *_, p=probability: p)
-        mesh = mesher(1)
-        assert mesh.is_watertight and mesh.volume == pytest.approx(whole.volume, rel=0.25)
 
 
 def test_parameters_of_another_version_are_said(

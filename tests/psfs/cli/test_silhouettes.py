@@ -13,14 +13,13 @@ import pytest
 import psfs.cli.silhouettes as command
 from apf.synthetic.generate import generate
 from apf.synthetic.scene import SceneConfig
-from cl import Device, NumpyDevice
+from cl import Device
 from psfs.background.config import EvidenceConfig
 from psfs.cli import main
-from psfs.diagnostics.silhouette_mosaic import draw_differences
-from psfs.diagnostics.silhouette_scores import score_silhouettes, true_mask, truth_frames
+from psfs.diagnostics.silhouette_scores import score_silhouettes
 from psfs.reconstructor import Reconstructor
 from psfs.sequence import Sequence
-from psfs.session import Session, SessionSettings
+from psfs.session import Session
 from psfs.volume import automatic_grid
 
 FRAMES = 4
@@ -106,40 +105,12 @@ def test_the_silhouettes_are_those_of_the_reconstruction(folder: Path, device: D
     assert 0 < third.likelihood.min() < third.likelihood.max() < 1
 
 
-def test_the_twin_shows_the_same(folder: Path) -> None:
-    sequence = Sequence.open(folder)
-    settings = SessionSettings(voxel_size=0.04)
-    grid = automatic_grid(Session(sequence, Device.best(), settings))
-    found = [
-        next(score_silhouettes(Session(sequence, device), [0], grid))
-        for device in (Device.best(), NumpyDevice())
-    ]
-    ours, twins = (of.scores for of in found if of is not None)
-    np.testing.assert_allclose(ours, twins, atol=0.02)
-
-
 def test_the_likelihood_is_that_of_the_counts() -> None:
     for config in (EvidenceConfig(), EvidenceConfig(occlusion_prior=0.3)):
         slm = np.linspace(0.01, 0.99, 50)
         back = config.likelihood(config.counts(slm))
         np.testing.assert_allclose(back, slm, rtol=0.08)
         assert ((back > 0.5) == (config.counts(slm) > 0)).all()
-
-
-def test_differences_are_red_and_green() -> None:
-    picture = np.full((1, 4, 3), 100, np.uint8)
-    mask, truth = np.array([[0, 0, 1, 1]], bool), np.array([[0, 1, 0, 1]], bool)
-    drawn = draw_differences(picture, mask, truth)[0]
-    assert (drawn[0] == 35).all() and (drawn[3] == 100).all()
-    assert drawn[1].argmax() == 2 and drawn[2].argmax() == 1  # BGR
-
-
-def test_only_masks_of_the_sequence_count(folder: Path) -> None:
-    sequence = Sequence.open(folder)
-    assert truth_frames(sequence) == [0, 2]
-    mask = true_mask(folder, sequence.rig[0], 0, (130, 160))
-    assert mask is not None and mask.shape == (130, 160) and not mask[120:].any()
-    assert true_mask(folder, sequence.rig[3], 2, (120, 160)) is None
 
 
 def test_errors_write_nothing(

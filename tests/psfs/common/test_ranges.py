@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cl import InputError
-from psfs.common.ranges import LARGEST, check_number, range_text
+from psfs.common.ranges import check_number
 
 
 @pytest.mark.parametrize("value", [0.5, np.float32(0.5), np.int64(1), 1, 0, 2])
@@ -19,11 +19,3 @@ def test_numbers_in_range(value: float) -> None:
 def test_others_are_refused(value: object) -> None:
     with pytest.raises(InputError, match=r"^x is .*; expected a number from 0 to 2$"):
         check_number("x", value, 0, 2)
-
-
-def test_ranges_in_words() -> None:
-    assert range_text(gt=0, lt=1) == "between 0 and 1"
-    assert range_text(ge=0, le=2) == "from 0 to 2"
-    assert range_text(ge=0, le=LARGEST) == "from 0 on, up to 1e+09"
-    assert range_text(gt=0, le=2) == "above 0, up to 2"
-    assert range_text(ge=0, lt=1) == "from 0 on, below 1"

@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 from helpers.studio import GRID, save_voxels
 
-from cl import InputError
 from psfs.output.reconstruction_folder import ReconstructionFolder
 from psfs.page.clouds import (
     CarvedClouds,
@@ -89,17 +88,3 @@ def test_voxels_are_carved_only_while_wanted() -> None:
     assert found is not None and len(found.positions) == 3 and clouds.describe(2) == ""
     assert clouds.get(0) is None
     assert clouds.describe(0) == "no voxels: memory holds those of 2 of 3 frames"
-
-
-def test_error_of_carving_is_described() -> None:
-    failed = threading.Event()
-
-    def carve() -> Iterator[tuple[int, VoxelCloud]]:
-        raise InputError("a video is gone")
-        yield
-
-    clouds = CarvedClouds(GRID, 3, carve, lambda frame: failed.set())
-    clouds.want(True)
-    assert failed.wait(10)
-    clouds.close()
-    assert clouds.describe(0) == "no voxels: a video is gone"

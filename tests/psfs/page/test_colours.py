@@ -10,7 +10,7 @@ from helpers import scenes
 
 from psfs.mesh.marching_cubes import CLAY
 from psfs.page.clouds import make_surface
-from psfs.page.colours import COLOURINGS, colour_vertices, colour_voxels, describe_scale
+from psfs.page.colours import COLOURINGS, colour_vertices, colour_voxels
 from psfs.voxels.config import OccupancyConfig
 from psfs.voxels.grid import VoxelCloud, VoxelGrid
 
@@ -37,17 +37,6 @@ def test_colourings() -> None:
     assert red[0] > red[2] + 50 and blue[2] > blue[1] + 20
     for colouring in COLOURINGS:
         assert colour_voxels(cloud_of(0), colouring).shape == (0, 3)
-
-
-def test_scales_run_as_the_colours_do() -> None:
-    text, colours = describe_scale("height", -0.1, 2.0)
-    assert text == "-0.1 to 2 m"
-    grid = VoxelGrid(np.array([0, 0, -0.1]), 0.1, (1, 1, 21))
-    column = VoxelCloud(grid, np.arange(21), np.ones(21, np.float32))
-    middle = colour_voxels(column, "height")[10].tolist()
-    assert colours[len(colours) // 2] == "rgb({},{},{})".format(*middle)
-    assert describe_scale("probability", 0, 1)[0] == f"{OccupancyConfig().threshold:g} to 1"
-    assert describe_scale("colour", 0, 1) == ("", [])
 
 
 def test_meshes_take_the_nearest_voxels_colours() -> None:

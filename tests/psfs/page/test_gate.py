@@ -8,7 +8,6 @@ from collections.abc import Iterator
 import pytest
 
 pytest.importorskip("viser", reason="viser is not installed")
-from websockets.asyncio import server as serving
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 from websockets.typing import Subprotocol
@@ -68,10 +67,6 @@ def test_websocket_needs_the_token(served: tuple[int, Gate]) -> None:
         assert refused.value.response.status_code == 403
     with connect(f"ws://{HOST}:{port}/{gate.token}", subprotocols=spoken) as socket:
         assert socket.recv(timeout=10)
-
-
-def test_other_servers_are_as_they_were(served: tuple[int, Gate]) -> None:
-    assert isinstance(serving.serve, type)
 
 
 def test_address_holds_the_token() -> None:

@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-from contextlib import nullcontext
 from dataclasses import replace
-from types import SimpleNamespace
-from typing import Any
 
 import cv2
 import numpy as np
 from helpers.scenes import ring
 
 from psfs.page.look_through import (
-    LookThrough,
     crosses,
     find_straight_map,
     locate_point,
@@ -45,22 +41,3 @@ def test_clicks_meet_at_the_joint() -> None:
     assert crosses(rays) and not crosses({0: rays[0], 2: rays[2]})  # 2 is opposite of 0
     rays[0] = rays[0] + np.array([0.0, 0.0, 0.3])
     assert locate_point(rays, rig)[1] > 0.02
-
-
-def test_browsers_that_came_later_lose_the_picture_too() -> None:
-    def client() -> Any:
-        shown: list[object] = []
-        camera = SimpleNamespace(wxyz="before", position=None, fov=1.0, aspect=1.5)
-        scene = SimpleNamespace(set_background_image=shown.append)
-        return SimpleNamespace(camera=camera, scene=scene, shown=shown, atomic=nullcontext)
-
-    clients = {0: client()}
-    scene = SimpleNamespace(on_click=lambda: lambda click: click)
-    server: Any = SimpleNamespace(get_clients=lambda: clients, scene=scene)
-    looking = LookThrough(server, ring(2), lambda view, way: None)
-    looking.choose(1)
-    assert not isinstance(clients[0].camera.wxyz, str)
-    clients[1] = client()
-    looking.choose(None)
-    assert [each.shown for each in clients.values()] == [[None], [None]]
-    assert clients[0].camera.wxyz == "before" and looking.view is None

@@ -36,13 +36,6 @@ def test_speed_and_gaps() -> None:
     assert playback.speed == SPEEDS[0]
 
 
-def test_slow_drawing_slows_the_time_down() -> None:
-    playback = Playback(range(100), 50.0, 0)
-    playback.toggle()
-    playback.advance(3600.0)
-    assert playback.position == 5  # a tenth of a second
-
-
 def test_steps_and_seeks_go_round() -> None:
     playback = Playback([3, 5, 9], 30.0, 5)
     playback.toggle()
@@ -55,10 +48,3 @@ def test_steps_and_seeks_go_round() -> None:
     assert playback.frame == 9  # for four frames, as long as there is to the one before it
     playback.advance(3.5 / 30)
     assert playback.frame == 3
-
-
-def test_a_single_frame_stays() -> None:
-    playback = Playback([7], 30.0, 7)
-    playback.toggle()
-    playback.advance(0.1)
-    assert playback.frame == 7

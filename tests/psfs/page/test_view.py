@@ -10,7 +10,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from helpers.studio import GRID, save_voxels
+from helpers.studio import save_voxels
 
 import psfs.cli.view as command
 from psfs.cli import main
@@ -89,13 +89,3 @@ def test_bad_use_is_one_line(
     lines = capsys.readouterr().err.splitlines()
     assert "--port" in lines[0] and "holds frames 0 to 3" in lines[1]
     assert "[studio]'" in lines[2] and "--png FILE" in lines[2]
-
-
-def test_floor_lies_under_the_grid() -> None:
-    from psfs.page.nodes import draw_floor
-
-    lines, colours = draw_floor(GRID)
-    assert len(lines) == len(colours)
-    floor, axes = lines[:-3], lines[-3:]
-    assert (floor[..., 2] == 0).all() and floor[..., :2].min() <= -2 and floor[..., :2].max() >= 1
-    assert np.allclose(axes[:, 1] - axes[:, 0], np.eye(3))

@@ -15,7 +15,7 @@ from psfs.reconstructor import ReconstructionConfig, Reconstructor
 from psfs.reference.appearance import NumpyForeground
 from psfs.reference.reconstructor import NumpyReconstructor
 from psfs.sequence import Sequence
-from psfs.silhouettes.appearance import BINS, follows
+from psfs.silhouettes.appearance import BINS
 from psfs.silhouettes.config import AppearanceConfig, FloorConfig, SilhouetteConfig
 from psfs.silhouettes.floor_shadow import floor_points
 from psfs.voxels.grid import VoxelGrid
@@ -125,14 +125,6 @@ def test_the_location_is_where_the_person_stood() -> None:
     assert not learner.location.any()
 
 
-def test_nobody_has_no_location() -> None:
-    rig, frame, _ = scene()
-    learner = NumpyForeground(rig, SilhouetteConfig())
-    evidence = np.zeros((len(rig), rig.height, rig.width), np.int8)
-    learner.learn(frame.images, evidence, scenes.small_grid(), np.zeros(0, int))
-    assert not learner.location.any()
-
-
 def test_the_floor_is_where_rays_meet_it() -> None:
     rig, _, _ = scene()
     points = floor_points(rig, FloorConfig(height=0.1))
@@ -144,12 +136,6 @@ def test_the_floor_is_where_rays_meet_it() -> None:
         pixels, depth = camera.project(where)
         assert (depth > 0).all()
         np.testing.assert_allclose(pixels, 4 * np.column_stack([columns, rows]) + 1.5, atol=1e-2)
-
-
-def test_frames_far_apart_do_not_follow() -> None:
-    config = AppearanceConfig()
-    assert follows(4, 5, config) and follows(4, 4, config)
-    assert not follows(4, 40, config) and not follows(4, 3, config)
 
 
 def test_silhouettes_of_a_walk_match_the_truth(device: Device) -> None:

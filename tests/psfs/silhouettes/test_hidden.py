@@ -108,17 +108,6 @@ def test_reprojected_maps_are_marked(device: Device) -> None:
     assert (maps[..., 0] != expected[..., 0]).mean() < 0.02
 
 
-def test_bit_equal_where_nothing_is_hidden(device: Device) -> None:
-    frame, background = scenes.pictures_of(RIG)
-    evidence = []
-    for rig in (RIG, RIG.with_hidden(np.zeros((len(RIG), RIG.height, RIG.width), bool))):
-        assert rig.hidden is None
-        reconstruct = Reconstructor(device, rig, GRID, background)
-        reconstruct(frame)
-        evidence.append(reconstruct.evidence())
-    np.testing.assert_array_equal(*evidence)
-
-
 def test_maps_of_another_size_are_refused() -> None:
     with pytest.raises(InputError, match=r"camera c0: hidden is \(3, 4\); expected"):
         replace(RIG[0], hidden=np.zeros((3, 4), bool))

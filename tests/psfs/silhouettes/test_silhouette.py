@@ -75,24 +75,6 @@ def test_a_pixel_by_itself_is_song_s_likelihood(device: Device) -> None:
     assert not wrong[picture_masks(rig)].any()
 
 
-@pytest.mark.parametrize("size", [(161, 121), (50, 37), (17, 40), (13, 12)])
-def test_pictures_of_any_width(device: Device, size: tuple[int, int]) -> None:
-    rig, random = scenes.ring(2, size=size), np.random.default_rng(0)
-    shape = (2, rig.height, rig.width)
-    coarse = [random.random((-(-shape[1] // 9), -(-shape[2] // 9))) < 0.5 for _ in range(2)]
-    person = np.stack([np.kron(c, np.ones((9, 9)))[: shape[1], : shape[2]] for c in coarse])
-    share = np.stack([cv2.blur(view, (5, 5)) for view in person])[..., None]
-    plate = Background(np.full((*shape, 3), 90, np.float32), np.full((*shape, 3), 3, np.float32))
-    colours = share * [30, 160, 60] + (1 - share) * 90 + random.normal(0, 2, (*shape, 3))
-    images, config = colours.astype(np.uint8), SilhouetteConfig()
-    counts = Silhouette(device, rig, plate, config)(images).get()
-    expected = silhouette_evidence(images, rig, plate, config)
-    assert (expected > 0).mean() > 0.1 and (expected < 0).mean() > 0.1
-    assert (np.abs(counts.astype(int) - expected) > 1).mean() < 2e-3
-    plain = silhouette_evidence(images, rig, plate, config.replace(rim=RimConfig(on=False)))
-    assert (plain != expected).mean() > 0.02  # mixed pixels there are
-
-
 def test_black_and_noiseless_backgrounds(device: Device) -> None:
     rig = scenes.ring(2)
     shape = (2, rig.height, rig.width, 3)
@@ -196,20 +178,6 @@ def test_light_on_the_floor(device: Device, views: int) -> None:
     core = np.stack([cv2.erode(view.astype(np.uint8), np.ones((5, 5))) > 0 for view in post])
     assert (person & core).sum() > 0.7 * (core & inside).sum()  # all but what the disc hides
     assert (person & ~post & ~shadow).sum() < 0.02 * post.sum()
-
-
-@pytest.mark.parametrize(
-    ("part", "wrong"),
-    [
-        (EvidenceConfig, {"clamp": 0.6}),
-        (EvidenceConfig, {"foreground_prior": 1.0}),
-        (BackgroundConfig, {"shadow_low": 0.0}),
-        (BackgroundConfig, {"sigma_floor": -1.0}),
-    ],
-)
-def test_wrong_parameters_are_named(part: type, wrong: dict[str, float]) -> None:
-    with pytest.raises(InputError, match=next(iter(wrong)).split("_")[0]):
-        part(**wrong)
 
 
 def test_an_arm_of_the_floors_colour_is_no_shade_where_the_floor_is_lit() -> None:
