@@ -67,19 +67,6 @@ def test_choices(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     np.testing.assert_allclose(found, track.points.joints, atol=1e-6)
 
 
-def test_exports_join_those_before_and_spare_what_is_not_theirs(
-    tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
-    strider(20).save(tmp_path / "track.npz")
-    for kind in ("bvh", "csv", "bvh"):
-        assert main(["export", str(tmp_path), "--to", kind]) == 0
-    assert (tmp_path / "motion.bvh").exists() and (tmp_path / "angles.csv").exists()
-    (tmp_path / "motion.c3d").write_text("mine")
-    assert main(["export", str(tmp_path), "--to", "c3d"]) == 2
-    assert "not of an earlier run" in capfd.readouterr().err
-    assert (tmp_path / "motion.c3d").read_text() == "mine"
-
-
 def test_a_smoothed_track_is_not_smoothed_again(tmp_path: Path) -> None:
     track = smooth_track(strider(60, noise=0.01), SmoothingConfig(cutoff=3))
     written = apf.export(track, tmp_path, ["c3d", "gait", "c3d"])

@@ -35,28 +35,6 @@ def test_impossible_numbers_are_refused(
     assert said in capsys.readouterr().err
 
 
-def test_each_persons_frames_are_counted_from_the_first() -> None:
-    bar = progress_bar()
-    line, done = TakeLine(bar), [0.0]
-    line.expect(["overlay"], is_gpu=False)
-    (task,) = bar.tasks
-    for stage in ("opening", "examining", "people"):
-        line(stage)
-        done.append(task.completed)
-    for number in (1, 2):
-        line.begin_person(3, number, 2)
-        for stage in ("start", "tracking", "tracking", "tracking", "tracking back", "judging"):
-            line(stage)
-            done.append(task.completed)
-            assert task.description.startswith(f"person {number} of 2: {stage}")
-        line("tracking back")
-        assert task.description == f"person {number} of 2: tracking back 2/3"
-    assert done == sorted(done) and 0.5 * task.total < done[-1] < task.total
-    line.n_frames = 3  # of all together
-    line("overlay")
-    assert task.description == "overlay 1/3"
-
-
 def test_the_time_left_follows_the_pace() -> None:
     """Of ten units one takes a second; then each takes three."""
     assert estimate_time_left(0, 0, 0, 10, 1) == 10

@@ -86,25 +86,6 @@ def test_several_seeds_at_once(
     assert np.any(other.poses != alone.poses)
 
 
-def test_the_same_seed_gives_the_same_track(walk: Path, seed4: Path, tmp_path: Path) -> None:
-    assert track(walk, tmp_path / "again", *FEW, "--seed", "4") == 0
-    first, again = (Track.open(folder).poses for folder in (seed4, tmp_path / "again"))
-    np.testing.assert_array_equal(first, again)
-
-
-def test_a_body_and_a_pose_given_again(walk: Path, tmp_path: Path) -> None:
-    assert track(walk, tmp_path / "a", "--frames", "0:2", "--no-overlay", "--no-report") == 0
-    first = Track.open(tmp_path / "a")
-    pose = tmp_path / "pose.txt"
-    pose.write_text(" ".join(f"{value:.6f}" for value in first.poses[1]))
-    body = str(tmp_path / "a" / "body.toml")
-    more = ["--body", body, "--init", str(pose), "--frames", "1:", "--no-overlay", "--no-report"]
-    assert track(walk, tmp_path / "b", *more) == 0
-    second = Track.open(tmp_path / "b")
-    assert second.frames.tolist() == [1, 2, 3, 4]
-    assert evaluate(second, load_truth(walk / "truth.npz")).mean_error < 0.08
-
-
 def test_interrupted(walk: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """What is done is kept, and the exit code says that it is not all."""
     real = apf.tracking.pipeline.observe_frames

@@ -76,18 +76,6 @@ def test_a_picture_without_a_page(
     assert "frame 0 was not tracked" in capsys.readouterr().err
 
 
-def test_all_people_are_shown_in_stored_voxels(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    shown: list[str] = []
-    monkeypatch.setattr(command, "serve", lambda page, args: shown.extend(page.watch.bodies))
-    voxels, people = save_voxels(tmp_path / "voxels"), tmp_path / "people"
-    for number in (1, 2):
-        walker(2, start=1).save(people / f"person{number}" / "track.npz")
-    assert main(["view", str(voxels), str(people), "--frame", "1", "--port", "0"]) == 0
-    assert shown == ["person1", "person2"]
-
-
 def test_another_body_is_refused(
     out: Path, track: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -2,11 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
-import logging
-import os
-import subprocess
-import sys
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
@@ -18,7 +13,7 @@ import pytest
 from helpers.tasks import die_until, double, interrupted, raise_until, wait_for_stop
 
 from apf.cli import main
-from apf.cluster.connection import DaskPool, connect_cluster, import_distributed
+from apf.cluster.connection import DaskPool, connect_cluster
 from apf.cluster.pool import Task, Workflow, run_workflows
 from apf.cluster.processes import Processes
 from apf.cluster.task_side import Progress
@@ -51,12 +46,6 @@ def test_nothing_listens(processes: Processes) -> None:
     for worker in processes._workers:
         found = psutil.Process(worker.process.pid).net_connections()
         assert [one for one in found if one.status == psutil.CONN_LISTEN] == []
-
-
-def test_libraries_print_no_tracebacks() -> None:
-    pytest.importorskip("distributed")
-    import_distributed()
-    assert not logging.getLogger("distributed.client").isEnabledFor(logging.ERROR)
 
 
 @pytest.mark.parametrize("where", ["processes", "client"])
@@ -199,30 +188,6 @@ def test_gpus_get_as_many_workers_as_cores_feed(
     monkeypatch.setattr("apf.cluster.workers.list_own_cores", lambda: list(range(n_cores)))
     found = share_machine()
     assert found == [Share(f"gpu:{k % n_gpus}") for k in range(expected)]
-
-
-@pytest.mark.skipif(
-    sys.platform != "linux" or not hasattr(ctypes.CDLL(None), "mallopt"), reason="no glibc"
-)
-def test_workers_keep_memory_for_the_next_pictures() -> None:
-    program = """
-import resource, sys
-import numpy as np
-from apf.cluster.workers import keep_memory
-if sys.argv[1] == "kept":
-    keep_memory()
-before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt
-for _ in range(50):
-    np.ones(300_000)
-print(resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before)
-"""
-    as_of_dask = {**os.environ, "MALLOC_TRIM_THRESHOLD_": "65536"}
-    faults = {
-        way: int(subprocess.run([sys.executable, "-c", program, way], env=as_of_dask, text=True,
-                                check=True, capture_output=True).stdout)
-        for way in ("kept", "given back")
-    }  # fmt: skip
-    assert faults["kept"] < faults["given back"] / 5
 
 
 def test_no_scheduler(tmp_path: Path) -> None:

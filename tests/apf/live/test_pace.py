@@ -39,14 +39,6 @@ def test_lines_come_now_and_then_and_one_warning() -> None:
     assert warned == ["8.0 poses per second are found of the 30 wanted"]
 
 
-def test_a_terminal_sees_every_change() -> None:
-    shown: list[str] = []
-    progress = PaceReporter(30.0, shown.append, None, None, 5.0, lambda: 0.0)
-    progress(LiveResult(), timeline_of(8.0, 0))
-    progress(result_of(), timeline_of(30.0))
-    assert shown[0] == "no pose yet" and "96 x 10" in shown[1]
-
-
 def test_a_lost_person_is_told() -> None:
     class Lost:
         lost = True

@@ -35,17 +35,6 @@ def test_newest_drops_what_is_older() -> None:
     assert newest.take() == 4 and newest.take() is None and dropped == [1, 2]
 
 
-def test_taking_waits_for_another_thread() -> None:
-    newest = Newest(lambda item: None)
-    taken: list[object] = []
-    thread = threading.Thread(target=lambda: taken.extend([newest.take(), newest.take()]))
-    thread.start()
-    newest.put("a picture")
-    newest.close()
-    thread.join(10)
-    assert not thread.is_alive() and taken == ["a picture", None]
-
-
 def acquired(source, stop: threading.Event | None = None) -> tuple[list[Shot], Timeline]:
     """All shots of a source, none superseded, and its timeline."""
     shots: list[Shot] = []

@@ -67,10 +67,3 @@ def test_summary_of_one_pose_has_no_rate(capsys: pytest.CaptureFixture[str]) -> 
     print_summary({**timeline.summary(), "sizes": [[0, 48, 6]], "lost": 0}, Path("out"))
     said = capsys.readouterr().out
     assert said.startswith("1 poses; dropped") and "most 50\n" in said and "None" not in said
-
-
-def test_a_block_that_raises_leaves_no_span() -> None:
-    timeline = Timeline(STAGES)
-    with pytest.raises(KeyError), timeline.span(ACQUISITION, 1):
-        raise KeyError
-    assert not timeline.spans

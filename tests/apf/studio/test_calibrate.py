@@ -21,8 +21,6 @@ from apf.studio.folders import Roots, find_kind
 from apf.studio.page import Page
 from apf.studio.target_fields import CHESSBOARD, PERSON, WAND
 from cl import Device, InputError, NumpyDevice
-from psfs.calibration.config import CalibrationConfig
-from psfs.calibration.report import Coverage
 from psfs.calibration.targets.detection import open_uncalibrated
 from psfs.footage.settings import SequenceSettings
 from psfs.output.video import write_video
@@ -66,15 +64,6 @@ def page(day: Path, tmp_path: Path) -> Iterator[Page]:
     page = Page(Roots(day), no_device, results=tmp_path / "results")
     yield page
     page.stop()
-
-
-def test_gaps_are_named() -> None:
-    config, empty = CalibrationConfig(), np.zeros((6, 8), bool)
-    few = Coverage(3, 1, empty).list_gaps("wand", False, config)
-    assert "in 3 frames" in few[0] and "in 0 % of its picture" in few[1]
-    alone = Coverage(50, 2, ~empty).list_gaps("wand", False, config)
-    assert len(alone) == 1 and "together with others: 2 frames" in alone[0]
-    assert Coverage(50, None, empty).list_gaps("wand", True, config) == []
 
 
 def test_board_is_found_and_cameras_are_used(day: Path, page: Page) -> None:

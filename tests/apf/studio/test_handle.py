@@ -55,15 +55,6 @@ def test_limb_turns_about_the_joint_before(scene: viser.SceneApi) -> None:
     handle.remove()
 
 
-def test_handle_drags_one_joint(scene: viser.SceneApi) -> None:
-    handle = JointHandle(scene, tracks.walker(5), 1, "l_wrist", turns=False, moved=lambda: None)
-    handle.move(np.array([0.1, 0.2, 0.3]))
-    wanted = handle.wanted
-    assert list(wanted) == ["l_wrist"] and wanted["l_wrist"].frame == 1
-    assert np.allclose(wanted["l_wrist"].position, (0.1, 0.2, 0.3))
-    handle.remove()
-
-
 def test_root_is_not_turned(scene: viser.SceneApi) -> None:
     track = tracks.walker(5)
     ends = {int(b) for _, b in track.edges}

@@ -221,9 +221,3 @@ def test_two_presses_start_one_run(tmp_path: Path) -> None:
         thread.join()
     assert len(started) == 1 and slot.work is started[0]
     slot.close()
-
-
-def test_several_clicks_start_nothing_without_footage(page: Page) -> None:
-    page.run.offer(None)
-    page.run.press_track()
-    assert page.run.work is None
