@@ -6,6 +6,8 @@ bones above it and on the bone's earlier axes.
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 
 from apf.body.cones import cone_normals
@@ -17,9 +19,10 @@ from psfs.common.cones import cone_distances
 _SLIDES, _TURNS = 1, 2
 
 
+@lru_cache(maxsize=8)  # a body is posed in many frames
 def bone_moves(body: BodyModel) -> np.ndarray:
     """Return (B, D) uint8: 0 if a degree of freedom does not move a bone, 1 if it translates, 2 if
-    it rotates it."""
+    it rotates it. The array is cached: do not write to it."""
     moves = np.zeros((len(body.bones), body.n_dof), np.uint8)
     for b, bone in enumerate(body.bones):
         if bone.parent >= 0:
@@ -66,15 +69,20 @@ def bone_point_jacobian(
 
 
 def point_jacobian(
-    body: BodyModel, pose: np.ndarray, cone: np.ndarray, points: np.ndarray, normal: np.ndarray
+    body: BodyModel,
+    pose: np.ndarray,
+    cone: np.ndarray,
+    points: np.ndarray,
+    normal: np.ndarray,
+    axes: tuple[np.ndarray, np.ndarray] | None = None,
 ) -> np.ndarray:
     """Return the derivatives (D, K) of points (K, 3) m along `normal` (K, 3) with respect to a
     pose.
 
     The points are fixed to the cones with indices `cone` (K,). A rotation by d about an axis a
-    through o moves the point p by d (a x (p - o)).
+    through o moves the point p by d (a x (p - o)). axes: those of `world_axes`, if they are known.
     """
-    directions, anchors = world_axes(body, pose)
+    directions, anchors = world_axes(body, pose) if axes is None else axes
     slides = directions @ normal.T
     turns = directions @ np.cross(points, normal).T - np.cross(directions, anchors) @ normal.T
     moves = cone_moves(body)[cone].T

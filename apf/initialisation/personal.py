@@ -19,14 +19,13 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from apf.body.jacobian import bone_point_jacobian, point_jacobian
+from apf.body.jacobian import bone_point_jacobian, point_jacobian, world_axes
 from apf.body.kinematics import bone_matrices, cross, posed_cones, posed_joints
 from apf.body.model import BodyModel, Bone, Cone, Joint, sideless
 from apf.initialisation.shape_model import place_points, surface_displacements
 from psfs.cameras.camera import CameraRig
 from psfs.common.least_squares import REACH, robust_weights
 from psfs.common.numbers import pick_evenly
-from psfs.common.progress import one_blas_thread
 
 #: Standard deviations of a person's measures around the tracked body. Logs of lengths: those of
 #: adults of one stature vary by 3 to 4 % (Gordon et al. 2014, ANSUR II), the stature itself is as
@@ -133,7 +132,8 @@ class PersonalShape:
             for name in template.radius_groups
         ]
         self.spread[self.n_built :] *= np.repeat(radii, _COEFFICIENTS) / np.sqrt(_HARMONICS)
-        self._mirrors = [_Mirror.of(template, cone) for cone in template.cones]
+        mirrors = [_mirror_cone(template, cone) for cone in template.cones]
+        self._turns, self._swapped, self._share = map(np.array, zip(*mirrors, strict=True))
         self._group = np.array(
             [template.radius_groups.index(sideless(c.name)) for c in template.cones]
         )
@@ -224,39 +224,29 @@ class PersonalShape:
         """Return the derivatives (K, S - n_built) of the surface's distances from cones (K,), at
         cone coordinates (K, 4), see `place_points`, by the coefficients: harmonics about the axis
         on rings along it, and one for each cap."""
-        own = _harmonics(coordinates)
-        turned = np.empty_like(coordinates)
-        for number, mirror in enumerate(self._mirrors):
-            here = cone == number
-            turned[here] = mirror.turn(coordinates[here])
-        sides = np.array([mirror.share for mirror in self._mirrors])[cone][:, None]
-        values = own + sides * (_harmonics(turned) - own)
+        own, along = _harmonics(coordinates), coordinates[:, 0]
+        turned = np.column_stack(
+            [
+                np.where(self._swapped[cone], 1 - along, along),
+                (self._turns[cone] @ coordinates[:, 1:, None])[..., 0],
+            ]
+        )
+        values = own + self._share[cone][:, None] * (_harmonics(turned) - own)
         bulged = np.zeros((len(cone), len(self.template.radius_groups), _COEFFICIENTS))
         bulged[np.arange(len(cone)), self._group[cone]] = values
         return bulged.reshape(len(cone), -1)
 
 
-@dataclass(frozen=True, eq=False)
-class _Mirror:
-    """How the coordinates on a cone turn into those of the mirrored point on its twin, or on itself
-    on the midline. matrix: (3, 3) of the direction. swapped: whether start and end change places.
-    share: of the twin's surface in this cone's: 0 for the left, 1 for the right, 1/2 between."""
-
-    matrix: np.ndarray
-    swapped: bool
-    share: float
-
-    @classmethod
-    def of(cls, body: BodyModel, cone: Cone) -> _Mirror:
-        other = {"l_": "r_", "r_": "l_"}.get(cone.name[:2], "") + sideless(cone.name)
-        twin = next((each for each in body.cones if each.name == other), cone)
-        first, second = _cone_frame(cone) * [1, -1, 1], _cone_frame(twin)
-        share = 1.0 if cone.name.startswith("r_") else 0.0 if twin is not cone else 0.5
-        return cls(second @ first.T, float(second[0] @ first[0]) < 0, share)
-
-    def turn(self, coordinates: np.ndarray) -> np.ndarray:
-        along = 1 - coordinates[:, :1] if self.swapped else coordinates[:, :1]
-        return np.concatenate([along, coordinates[:, 1:] @ self.matrix.T], 1)
+def _mirror_cone(body: BodyModel, cone: Cone) -> tuple[np.ndarray, bool, float]:
+    """Return how the coordinates on a cone turn into those of the mirrored point on its twin, or on
+    itself on the midline: the matrix (3, 3) of the direction, whether start and end change places,
+    and the share of the twin's surface in this cone's: 0 for the left, 1 for the right, 1/2
+    between."""
+    other = {"l_": "r_", "r_": "l_"}.get(cone.name[:2], "") + sideless(cone.name)
+    twin = next((each for each in body.cones if each.name == other), cone)
+    first, second = _cone_frame(cone) * [1, -1, 1], _cone_frame(twin)
+    share = 1.0 if cone.name.startswith("r_") else 0.0 if twin is not cone else 0.5
+    return second @ first.T, float(second[0] @ first[0]) < 0, share
 
 
 def _cone_frame(cone: Cone) -> np.ndarray:
@@ -276,12 +266,12 @@ def _harmonics(coordinates: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class _Normal:
-    """The normal equations of one frame: matrices pose by pose (D, D), pose by measures (D, S),
-    measures by measures (S, S), and gradients (D,), (S,)."""
+    """The normal equations of one frame: matrices pose by pose (D, D) and pose by measures (D, S),
+    weighted derivatives (S, K) by the measures, and gradients (D,), (S,)."""
 
     poses: np.ndarray
     mixed: np.ndarray
-    measures: np.ndarray
+    slopes: np.ndarray
     pull: np.ndarray
     gradient: np.ndarray
 
@@ -317,7 +307,7 @@ class PersonalFit:
             solved = []
             for normal in self._linearise(measures, moved, tracked, some, reach):
                 response, step = normal.eliminate()
-                matrix += normal.measures - normal.mixed.T @ response
+                matrix += normal.slopes @ normal.slopes.T - normal.mixed.T @ response
                 vector += normal.gradient - normal.mixed.T @ step
                 solved.append((response, step))
             covariance = np.linalg.inv(matrix)
@@ -353,22 +343,19 @@ class PersonalFit:
         """Return the covariance (M, J, 3, 3), m^2, of the joints in poses (M, D) of the body with
         these measures, whose covariance (S, S) is given: what the outlines of the frame and of the
         take leave open."""
-        body = self.shape.body(measures)
+        body, count = self.shape.body(measures), len(self.template.joints)
         bones = np.array([joint.bone for joint in body.joints])
-        moved = self.shape.move_joints(measures, poses)
-        spread = np.empty((len(poses), len(bones), 3, 3))
+        moves = bone_point_jacobian(body, poses, bones, posed_joints(body, poses))
+        moves = moves.swapaxes(2, 3).reshape(len(poses), 3 * count, -1)
+        moved = self.shape.move_joints(measures, poses).reshape(self.shape.n_built, len(poses), -1)
+        spread, each = np.empty((len(poses), count, 3, 3)), np.arange(count)
         frames = self._linearise(measures, poses, poses, outlines, _REACHES[-1])
-        for number, normal in enumerate(frames):
-            pose = poses[number : number + 1]
-            moves = bone_point_jacobian(body, pose, bones, posed_joints(body, pose))[0]
-            response, _ = normal.eliminate()
-            grown = -np.einsum("jda,ds->sja", moves, response)
-            grown[: self.shape.n_built] += moved[:, number]
-            own = np.einsum(
-                "jda,de,jeb->jab", moves, np.linalg.inv(normal.poses), moves, optimize=True
-            )
-            shared = np.einsum("sja,st,tjb->jab", grown, covariance, grown, optimize=True)
-            spread[number] = own + shared
+        for number, (normal, turns) in enumerate(zip(frames, moves, strict=True)):
+            grown = -turns @ normal.eliminate()[0]
+            grown[:, : self.shape.n_built] += moved[:, number].T
+            alone = turns @ np.linalg.solve(normal.poses, turns.T)
+            every = (alone + grown @ covariance @ grown.T).reshape(count, 3, count, 3)
+            spread[number] = every[each, :, each]
         return spread
 
     def _linearise(
@@ -393,49 +380,49 @@ class PersonalFit:
         soles = cones[:, self._soles]
         lowest = (soles[..., [2, 6]] - soles[..., [3, 7]]).min((1, 2), initial=0.0)
         has_floor = bool(self._soles) and bool(np.median(lowest) > -_BELOW)
-        for of, pose, start, mine, growth in zip(
-            outlines, poses, tracked, cones, growths, strict=True
+        axes = np.swapaxes(world_axes(body, poses), 0, 1)
+        for of, pose, start, mine, growth, turns in zip(
+            outlines, poses, tracked, cones, growths, axes, strict=True
         ):
-            with one_blas_thread():  # the products are small
-                cone, coordinates, normal, gap = nearest_outline(of, mine)
-                bulged = shape.bulges(cone, coordinates)
-                gap = gap - bulged @ measures[shape.n_built :]
-                rows = [
-                    point_jacobian(body, pose, cone, place_points(mine[cone], coordinates), normal),
-                    surface_displacements(mine, growth, cone, coordinates, normal),
-                    bulged.T if free else np.zeros((0, len(of))),
-                ]
-                weight = robust_weights(gap, reach / REACH) / (_SHARED * _NOISE**2)
-                slopes, gaps = np.concatenate(rows), gap
-                if has_floor:
-                    sole, depth = self._find_sunken(body, pose, mine, growth, len(slopes))
-                    slopes = np.concatenate([slopes, sole], 1)
-                    gaps = np.concatenate([gaps, depth])
-                    weight = np.concatenate([weight, np.full(len(depth), _SOLE**-2.0)])
-                weighted = slopes * weight
-                matrix, vector = weighted @ slopes.T, -weighted @ gaps
-                own = matrix[:n, :n] + np.diag(self._prior + _DAMPING * np.diag(matrix[:n, :n]))
-                pull = vector[:n] + self._prior * (pose - start)
-                yield _Normal(own, matrix[:n, n:], matrix[n:, n:], pull, vector[n:])
+            cone, coordinates, normal, gap = nearest_outline(of, mine)
+            bulged = shape.bulges(cone, coordinates)
+            gap = gap - bulged @ measures[shape.n_built :]
+            here = place_points(mine[cone], coordinates)
+            rows = [
+                point_jacobian(body, pose, cone, here, normal, turns),
+                surface_displacements(mine, growth, cone, coordinates, normal),
+                bulged.T if free else np.zeros((0, len(of))),
+            ]
+            root = np.sqrt(robust_weights(gap, reach / REACH) / _SHARED) / _NOISE
+            slopes, gaps = np.concatenate(rows) * root, gap * root
+            if has_floor:
+                sole, depth = self._find_sunken(body, pose, mine, growth, turns)
+                sole = np.pad(sole, ((0, len(slopes) - len(sole)), (0, 0)))
+                slopes = np.concatenate([slopes, sole / _SOLE], 1)
+                gaps = np.concatenate([gaps, depth / _SOLE])
+            matrix, vector = slopes[:n] @ slopes.T, -slopes @ gaps
+            own = matrix[:, :n] + np.diag(self._prior + _DAMPING * np.diag(matrix))
+            pull = vector[:n] + self._prior * (pose - start)
+            yield _Normal(own, matrix[:, n:], slopes[n:], pull, vector[n:])
 
     def _find_sunken(
-        self, body: BodyModel, pose: np.ndarray, cones: np.ndarray, growth: np.ndarray, size: int
+        self,
+        body: BodyModel,
+        pose: np.ndarray,
+        cones: np.ndarray,
+        growth: np.ndarray,
+        axes: tuple[np.ndarray, np.ndarray],
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return the soles' points below the floor: the derivatives (size, K) of their depths, and
-        minus the depths (K,) m."""
-        slopes, depths = [np.zeros((size, 0))], [np.zeros(0)]
-        for first in (0, 4):
-            ends = cones[self._soles, first : first + 4]
-            below = np.flatnonzero(ends[:, 2] < ends[:, 3])
-            sole = np.array(self._soles)[below]
-            up = np.tile([0.0, 0.0, 1.0], (len(sole), 1))
-            rows = np.zeros((size, len(sole)))
-            rows[: len(pose)] = point_jacobian(body, pose, sole, ends[below, :3], up)
-            rise = growth[:, sole, first + 2] - growth[:, sole, first + 3]
-            rows[len(pose) : len(pose) + len(rise)] = rise
-            slopes.append(rows)
-            depths.append(ends[below, 3] - ends[below, 2])
-        return np.concatenate(slopes, 1), np.concatenate(depths)
+        """Return the soles' points below the floor: the derivatives (D + n_built, K) of their
+        heights, and minus their depths (K,) m."""
+        sole, end = np.repeat(self._soles, 2), np.tile([0, 4], len(self._soles))
+        below = cones[sole, end + 2] < cones[sole, end + 3]
+        sole, end = sole[below], end[below]
+        up = np.tile([0.0, 0.0, 1.0], (len(sole), 1))
+        points = cones[sole[:, None], end[:, None] + np.arange(3)]
+        by_pose = point_jacobian(body, pose, sole, points, up, axes)
+        rise = growth[:, sole, end + 2] - growth[:, sole, end + 3]
+        return np.concatenate([by_pose, rise]), cones[sole, end + 3] - cones[sole, end + 2]
 
     def _clip(self, poses: np.ndarray) -> np.ndarray:
         return np.clip(poses, self.template.lower, self.template.upper)
@@ -449,24 +436,24 @@ def nearest_outline(
     The cone (K,), the coordinates (K, 4) of the point on its surface (see `place_points`), the
     surface's normal (K, 3) there, and the distance (K,) m of the ray from it, negative inside.
     """
-    origins, rays = outlines.centres[outlines.views], outlines.rays.astype(np.float64)
+    rays = outlines.rays.astype(np.float64)
     axis = cones[:, 4:7] - cones[:, 0:3]
     length = np.linalg.norm(axis, axis=-1)
     # Axes in which a cone's section is a circle.
-    frames = np.stack([cones[:, 8:11], cones[:, 12:15], axis / length[:, None]], 1)
-    start = np.einsum("cij,kcj->kci", frames, origins[:, None] - cones[:, 0:3])
-    along = np.einsum("cij,kj->kci", frames, rays)
-    across = np.maximum((along[..., :2] ** 2).sum(-1), 1e-12)
-    nearest = -(start[..., :2] * along[..., :2]).sum(-1) / across
-    t = np.clip((start[..., 2] + nearest * along[..., 2]) / length, 0, 1)
-    start[..., 2] -= t * length
-    passed = start - (np.sum(start * along, -1) / np.sum(along**2, -1))[..., None] * along
-    distance = np.linalg.norm(passed, axis=-1)
+    frames = np.stack([cones[:, 8:11], cones[:, 12:15], axis / length[:, None]])
+    centres = np.einsum("icj,vcj->ivc", frames, outlines.centres[:, None] - cones[:, 0:3])
+    start, along = centres[:, outlines.views], rays @ frames.swapaxes(1, 2)
+    across = along[0] ** 2 + along[1] ** 2
+    nearest = -(start[0] * along[0] + start[1] * along[1]) / np.maximum(across, 1e-12)
+    t = np.clip((start[2] + nearest * along[2]) / length, 0, 1)
+    start[2] -= t * length
+    passed = start - np.sum(start * along, 0) / (across + along[2] ** 2) * along
+    distance = np.sqrt(np.sum(passed**2, 0))
     signed = distance - (cones[:, 3] + t * (cones[:, 7] - cones[:, 3]))
     cone, row = signed.argmin(1), np.arange(len(rays))
-    direction = passed[row, cone] / np.maximum(distance[row, cone], 1e-9)[:, None]
+    direction = (passed[:, row, cone] / np.maximum(distance[row, cone], 1e-9)).T
     coordinates = np.column_stack([t[row, cone], direction[:, 2], direction[:, :2]])
-    normal = np.einsum("kij,ki->kj", frames[cone], direction)
+    normal = (direction[:, None] @ frames[:, cone].swapaxes(0, 1))[:, 0]
     scale = np.maximum(np.linalg.norm(normal, axis=1), 1e-9)
     return cone, coordinates, normal / scale[:, None], signed[row, cone] / scale
 

@@ -30,6 +30,7 @@ from apf.tracking.settings import TakeSettings
 from apf.tracking.track import Track
 from cl import InputError, UserError
 from psfs.common.numbers import pick_evenly
+from psfs.common.progress import one_blas_thread
 from psfs.sequence import Sequence
 from psfs.session import Session
 from psfs.volume import automatic_grid
@@ -171,7 +172,8 @@ def fit_personal(
     if progress is not None:
         progress("fitting")
     began = time.perf_counter()
-    tracks = fit_personal_body(take.tracks, outlines, started.session.rate)
+    with one_blas_thread():  # the products are small
+        tracks = fit_personal_body(take.tracks, outlines, started.session.rate)
     pose = tracks[0].poses[list(tracks[0].frames).index(take.frame)]
     seconds = take.seconds + time.perf_counter() - began
     return replace(
