@@ -60,14 +60,15 @@ def outline_rings(eye: np.ndarray, cones: np.ndarray) -> np.ndarray:
     axis = cones[..., 4:7] - cones[..., 0:3]
     axis = axis / np.linalg.norm(axis, axis=-1, keepdims=True)
     x, y = cones[..., 8:11], cones[..., 12:15]
-    around = np.linspace(0, 2 * np.pi, _RING, endpoint=False)
+    angles = np.linspace(0, 2 * np.pi, _RING, endpoint=False)
+    circle = np.stack([np.cos(angles), np.sin(angles)], -1)
     rings = []
     for first in (0, 4):
         centre, radius = cones[..., first : first + 3], cones[..., first + 3]
         # where the end is a ball, its outline is a circle across the line of sight
         sight = np.stack([((eye - centre) * of).sum(-1) for of in (axis, x, y)], -1)
         across = np.linalg.svd(sight[..., None, :])[2][..., 1:, :]
-        ring = np.einsum("ka,...ab->...kb", np.stack([np.cos(around), np.sin(around)], -1), across)
+        ring = np.einsum("ka,...ab->...kb", circle, across)
         back = np.stack([axis, x / dot(x, x)[..., None], y / dot(y, y)[..., None]], -2)
         rings.append(centre[..., None, :] + radius[..., None, None] * ring @ back)
     return np.concatenate(rings, -2)

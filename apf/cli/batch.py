@@ -107,8 +107,8 @@ def make_request(batch: BatchRequest, take: ListedTake, out: Path) -> TrackReque
     Raises InputError that names the place of an invalid flag."""
     where = take.where
     try:
-        own = Stated({"folders": (take.source,), "output": out}).over(take.stated)
-        request = TrackRequest.from_stated(own.over(batch.stated).only(TrackRequest))
+        stated = Stated({"folders": (take.source,), "output": out}).over(take.stated)
+        request = TrackRequest.from_stated(stated.over(batch.stated).only(TrackRequest))
         if request.triangulate:
             raise InputError(f"{TRIANGULATE} has no body; expected apf track for it")
         if batch.part_frames is not None:
@@ -156,10 +156,10 @@ def _read_list(path: Path) -> list[ListedTake]:
             raise InputError(f"{where}: folder = {folder!r}, name = {name!r}; expected text")
         values = {flag: _resolve(value, path.parent) for flag, value in flags.items()}
         config = values.pop("config", None)
-        own = Stated(read_flags(where, TrackRequest, values))
+        stated = Stated(read_flags(where, TrackRequest, values))
         if config is not None:
-            own = own.over(read_config(TrackRequest, Path(config)))
-        listed.append(ListedTake(resolve_path(path.parent / folder), name, own, where))
+            stated = stated.over(read_config(TrackRequest, Path(config)))
+        listed.append(ListedTake(resolve_path(path.parent / folder), name, stated, where))
     return listed
 
 

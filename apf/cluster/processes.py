@@ -6,19 +6,16 @@ import os
 import pickle
 import threading
 from collections.abc import Callable, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from multiprocessing import connection, get_context, parent_process
 from multiprocessing.connection import Connection
-from typing import TYPE_CHECKING, NoReturn
+from typing import NoReturn
 
 from apf.cluster.pool import Outcome, Pool, Task
 from apf.cluster.task_side import Progress, TaskProgress, TaskStopped
 from apf.cluster.workers import Share, set_up_worker
 from cl import InputError
-from psfs.common.system import defer_interrupts, handle_signals
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
+from psfs.common.system import changed_environment, defer_interrupts, handle_signals
 
 #: Time in which a stopped take writes what it has, s.
 _TO_WRITE = 60.0
@@ -36,7 +33,7 @@ class _Worker:
         """Start the process, which the terminal's interrupts do not reach."""
         context = get_context("spawn")  # no OpenCL survives a fork
         self.connection, other = context.Pipe()
-        with defer_interrupts(["SIGINT"]), _environment(self.share.environment):
+        with defer_interrupts(["SIGINT"]), changed_environment(self.share.environment):
             self.process = context.Process(target=_serve, args=(other,), name="take worker")
             self.process.start()
         other.close()
@@ -112,20 +109,6 @@ class Processes(Pool):
             worker.end()
             worker.task = None
             worker.start()
-
-
-@contextmanager
-def _environment(variables: dict[str, str]) -> Iterator[None]:
-    before = {name: os.environ.get(name) for name in variables}
-    os.environ.update(variables)
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value
 
 
 def _serve(tasks: Connection) -> None:

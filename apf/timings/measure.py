@@ -14,6 +14,7 @@ import pyopencl
 
 from cl import Device, InputError
 from cl.listing import working_devices
+from psfs.common.system import changed_environment
 
 #: The environment variable for PoCL's number of threads, before version 4.
 _POCL_THREADS = "POCL_MAX_PTHREAD_COUNT"
@@ -76,19 +77,12 @@ def places() -> list[Place]:
 def apart(environ: Mapping[str, str], function: Callable[..., Any], *args: Any) -> Any:
     """Call `function(*args)` of a module in a new process with `environ` added to its
     environment."""
-    before = {name: os.environ.get(name) for name in environ}
-    os.environ.update(environ)
-    try:
-        cores = int(environ.get(_POCL_THREADS, 0))
-        spawn = get_context("spawn")
-        with ProcessPoolExecutor(1, spawn, _keep_to_cores, (cores,)) as pool:
-            return pool.submit(function, *args).result()
-    finally:
-        for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value
+    cores = int(environ.get(_POCL_THREADS, 0))
+    with (
+        changed_environment(environ),
+        ProcessPoolExecutor(1, get_context("spawn"), _keep_to_cores, (cores,)) as pool,
+    ):
+        return pool.submit(function, *args).result()
 
 
 def only_cores(cores: int) -> dict[str, str]:

@@ -34,9 +34,6 @@ SAMPLES = 25
 #: Least number of frames in which a background pixel is visible: the fewest with a median that one
 #: wrong frame does not move.
 _LEAST_FREE = 3
-#: Least number of frames in which a background pixel is visible: the fewest with a median that one
-#: wrong frame does not move.
-_LEAST_FREE = 3
 #: Distance from the mean, in standard deviations, beyond which a value is left out of it.
 _CLIP = 3.0
 
