@@ -221,7 +221,7 @@ class WebSocketSender(Sender):
     def _serve(self, page: Any) -> None:
         from websockets.exceptions import ConnectionClosed
 
-        count = self._count
+        count = 0  # a page that opens is sent the newest frame at once
         with suppress(ConnectionClosed):
             while not self._closed:
                 count, text = self._wait_for_news(count)

@@ -6,6 +6,7 @@ import json
 import socket
 import struct
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -127,13 +128,13 @@ def test_websocket(pose: SentPose) -> None:
     client = pytest.importorskip("websockets.sync.client")
     with socket.create_server(("127.0.0.1", 0)) as free:
         port = free.getsockname()[1]
-    with (
-        open_senders([f"websocket:{port}"], [BODY, BODY]) as (sender,),
-        client.connect(f"ws://127.0.0.1:{port}") as page,
-    ):
-        for _ in range(3):
+    with open_senders([f"websocket:{port}"], [BODY, BODY]) as (sender,):
+        sender.send(replace(pose, frame=6))
+        with client.connect(f"ws://127.0.0.1:{port}", open_timeout=60) as page:
+            sent_before = json.loads(page.recv(timeout=60))
             sender.send(pose)
-        found = json.loads(page.recv(timeout=10))
+            found = json.loads(page.recv(timeout=60))
+    assert sent_before["frame"] == 6
     assert found["frame"] == 7 and [one["lost"] for one in found["people"]] == [False, True]
     joints = posed_joints(BODY, pose.estimates[0].pose[None])[0]
     sent = found["people"][0]["joints"]
@@ -147,10 +148,14 @@ def test_lsl(pose: SentPose) -> None:
             "no network"
         )
         inlet = pylsl.StreamInlet(info)
-        inlet.open_stream(timeout=10)
-        sender.send(pose)
-        sample, _ = inlet.pull_sample(timeout=10)
-        described = inlet.info(timeout=10)
+        inlet.open_stream(timeout=60)
+        sample = None
+        for _ in range(60):  # what is sent before the outlet knows the inlet is lost
+            sender.send(pose)
+            sample, _ = inlet.pull_sample(timeout=1)
+            if sample:
+                break
+        described = inlet.info(timeout=60)
     assert described.desc().child("channels").child("channel").child_value("unit") == "meters"
     joints = posed_joints(BODY, pose.estimates[1].pose[None])[0]
     np.testing.assert_allclose(np.reshape(sample, (-1, 3)), joints, atol=1e-5)
