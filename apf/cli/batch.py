@@ -5,10 +5,11 @@ from __future__ import annotations
 
 from contextlib import ExitStack, closing
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
-from apf.cli.batch_chunks import PARTS, plan_take
+from apf.cli.batch_chunks import PARTS, track_take
 from apf.cli.batch_report import BatchReport
 from apf.cli.batch_take import TakeJob, find_finished
 from apf.cluster.connection import (
@@ -17,7 +18,7 @@ from apf.cluster.connection import (
     find_scheduler,
     import_distributed,
 )
-from apf.cluster.pool import Pool, run_workflows
+from apf.cluster.pool import Pool
 from apf.cluster.processes import Processes
 from apf.cluster.table import FILES, LOGS
 from apf.cluster.workers import share_machine
@@ -75,8 +76,8 @@ def run(request: BatchRequest) -> None:
             else:
                 shares = shares[: len(left)] if request.workers is None else shares
                 pool = stack.enter_context(Processes(shares, report.progress))
-            workflows = {job.name: plan_take(job) for job in left}
-            for name, outcome in stack.enter_context(closing(run_workflows(pool, workflows))):
+            takes = ((job.name, partial(track_take, pool, job)) for job in left)
+            for name, outcome in stack.enter_context(closing(pool.outcomes(takes))):
                 report.add(name, outcome)
     report.raise_failures()
 

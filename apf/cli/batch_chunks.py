@@ -12,7 +12,7 @@ import numpy as np
 from apf.body.toml import load_body, save_body
 from apf.cli.batch_take import TakeDone, TakeJob, process_take, write_take
 from apf.cluster.chunks import cut_chunks, find_seam, join_tracks, to_millimetres
-from apf.cluster.pool import Task, Workflow
+from apf.cluster.pool import Pool, Task
 from apf.cluster.task_side import TaskProgress, log_to
 from apf.cluster.workers import select_worker_device
 from apf.formats.pose import read_pose, write_pose
@@ -46,16 +46,16 @@ _OVERLAP = 1.0
 _AGREEMENT = 0.05
 
 
-def plan_take(job: TakeJob) -> Workflow:
-    """Return the tasks of a take in order: the take itself, or, if it is long enough to be cut, its
-    start, its chunks, and the joining of these."""
+def track_take(pool: Pool, job: TakeJob) -> TakeDone:
+    """Have workers track a take as one task, or, if it is long enough to be cut, its start, its
+    chunks, and the joining of these."""
+    last = Task(job.name, process_take, (job,))
     if job.part_frames is not None:
-        (chunks,) = yield [Task(f"{job.name}/start", cut_take, (job, job.part_frames))]
+        chunks = pool.run(Task(f"{job.name}/start", cut_take, (job, job.part_frames)))
         if chunks:
-            yield [Task(chunk.name, process_take, (chunk,)) for chunk in chunks]
-            (done,) = yield [Task(f"{job.name}/joining", join_chunks, (job, chunks))]
-            return done
-    (done,) = yield [Task(job.name, process_take, (job,))]
+            pool.run_all([Task(chunk.name, process_take, (chunk,)) for chunk in chunks])
+            last = Task(f"{job.name}/joining", join_chunks, (job, chunks))
+    done: TakeDone = pool.run(last)
     return done
 
 

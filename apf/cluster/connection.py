@@ -12,7 +12,7 @@ from types import ModuleType
 from typing import Any
 from urllib.parse import urlsplit
 
-from apf.cluster.pool import Outcome, Pool, Task
+from apf.cluster.pool import ATTEMPTS, Pool, Task
 from apf.cluster.task_side import Progress, run_task, stop
 from apf.cluster.workers import set_up_worker
 from cl import InputError
@@ -158,8 +158,7 @@ class DaskPool(Pool):
     task whose worker dies, as often as the cluster's own settings say."""
 
     def __init__(self, client: Any, on_progress: Callable[[Progress], object] | None = None):
-        super().__init__()
-        self._client, self._running = client, dict[Any, Task]()
+        self._client, self._running = client, set[Any]()
         self.batch = uuid.uuid4().hex
         if on_progress is not None:
             client.subscribe_topic(self.batch, lambda event: on_progress(Progress(**event[1])))
@@ -167,43 +166,25 @@ class DaskPool(Pool):
     def count_workers(self) -> int:
         return sum(self._client.nthreads().values())
 
-    def count_running(self) -> int:
-        return len(self._running)
-
-    def submit(self, task: Task, attempt: int) -> None:
+    def run(self, task: Task) -> Any:
+        distributed = import_distributed()
         future = self._client.submit(
             run_task, task.name, self.batch, task.work, task.arguments,
-            key=f"{task.name}-{self.batch}-{attempt}", pure=False,
+            key=f"{task.name}-{uuid.uuid4().hex}", pure=False, retries=ATTEMPTS - 1,
         )  # fmt: skip
-        self._running[future] = task
-
-    def poll(self, seconds: float) -> list[Outcome]:
-        distributed = import_distributed()
+        self._running.add(future)
         try:
-            done = distributed.wait([*self._running], seconds, "FIRST_COMPLETED").done
-            # A result is lost with the worker that holds it; the task is then repeated.
-            whole = [future for future in done if future.status not in ("pending", "lost")]
-            return [(self._running[f], self._get_outcome(f, self._running.pop(f))) for f in whole]
-        except TimeoutError:
-            return []
+            return future.result()
+        except distributed.KilledWorker as error:
+            worker = getattr(error.last_worker, "address", error.last_worker)
+            raise InputError(f"its workers died, at last {worker}") from None
         except (distributed.CancelledError, distributed.comm.CommClosedError):
             raise InputError(_GONE) from None
+        finally:
+            self._running.discard(future)
 
     def stop(self) -> None:
         if self._running and self._client.status == "running":
             with suppress(OSError, TimeoutError):  # the scheduler may be gone
                 self._client.run(stop, self.batch, on_error="ignore")
                 self._client.cancel(list(self._running), force=True)
-        self._running.clear()
-
-    def _get_outcome(self, future: Any, task: Task) -> Any:
-        if future.status == "finished":
-            return future.result()
-        if future.status != "error":
-            raise InputError(_GONE)
-        error = future.exception()
-        if isinstance(error, import_distributed().KilledWorker):
-            self.give_up(task)
-            worker = getattr(error.last_worker, "address", error.last_worker)
-            return InputError(f"its workers died, at last {worker}")
-        return error

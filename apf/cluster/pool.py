@@ -1,21 +1,22 @@
-"""Run tasks on workers, also workflows of several in which later tasks need the results of earlier
-ones, and return their outcomes."""
+"""Run tasks on workers, and return the outcomes of jobs that consist of such tasks."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections import Counter, deque
-from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
-from contextlib import closing
-from dataclasses import dataclass, field
-from typing import Any
+from collections.abc import Callable, Generator, Iterable, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from dataclasses import dataclass
+from itertools import islice
+from typing import Any, TypeVar
 
-from apf.cluster.task_side import TaskStopped
+from apf.cluster.workers import MOST_WORKERS
 
 #: Number of times that a task is tried.
 ATTEMPTS = 3
 #: Interval at which joining and leaving workers are noticed, s.
 _PULSE = 0.5
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -31,124 +32,51 @@ class Task:
     arguments: tuple[object, ...] = ()
 
 
-#: A finished task with its result, or its exception.
-Outcome = tuple[Task, Any]
-
-
 class Pool(ABC):
     """Runs tasks on workers, as many at a time as there are workers.
 
-    A task that fails, or whose worker dies, is repeated; the exception of the third attempt is its
-    outcome, and does not stop the others. Subclasses say where the workers are.
+    A task that fails, or whose worker dies, is repeated; the exception of the third attempt counts,
+    and does not stop the others. Subclasses say where the workers are.
     """
-
-    def __init__(self) -> None:
-        self._waiting, self._attempts = deque[Task](), Counter[str]()
-        self._more: Iterator[Task] = iter(())
 
     @abstractmethod
     def count_workers(self) -> int:
         """Return how many tasks the workers can do at a time."""
 
     @abstractmethod
-    def count_running(self) -> int:
-        """Return the number of tasks that workers are doing."""
-
-    @abstractmethod
-    def submit(self, task: Task, attempt: int) -> None:
-        """Have a free worker begin a task."""
-
-    @abstractmethod
-    def poll(self, seconds: float) -> Sequence[Outcome]:
-        """Return the tasks that have finished, after a wait of at most `seconds`."""
+    def run(self, task: Task) -> Any:
+        """Wait for a free worker, have it do a task, and return the result. Called in threads.
+        Raises the task's exception, and InputError if its workers die or all are lost."""
 
     @abstractmethod
     def stop(self) -> None:
-        """Stop the running tasks after their current frames."""
+        """Stop the running tasks after their current frames; no others can be run then."""
 
-    def add(self, task: Task) -> None:
-        """Add a task; also possible while iterating over `outcomes`."""
-        self._waiting.append(task)
+    def run_all(self, tasks: Sequence[Task]) -> list[Any]:
+        """Run tasks at the same time, and return their results in order."""
+        with ThreadPoolExecutor(len(tasks)) as threads:
+            return list(threads.map(self.run, tasks))
 
-    def give_up(self, task: Task) -> None:
-        """Let the outcome of a task count, however often it was tried."""
-        self._attempts[task.name] = ATTEMPTS
+    def outcomes(
+        self, jobs: Iterable[tuple[T, Callable[[], Any]]]
+    ) -> Generator[tuple[T, Any], None, None]:
+        """Call jobs, which run tasks, in threads; yield each one's name with its result, or with
+        its exception, as they finish.
 
-    def outcomes(self, tasks: Iterable[Task] = ()) -> Generator[Outcome, None, None]:
-        """Yield every task with its result, or its exception, as they finish.
-
-        tasks: further ones, each requested when a worker is free. Closing the generator, or an
-        interrupt, stops the running tasks. Raises InputError if all workers are lost.
+        A job is requested when a worker may be free. Closing the generator, or an interrupt, stops
+        the running tasks.
         """
-        self._more = iter(tasks)
-        try:
-            while self._submit() or self.count_running():
-                for task, outcome in self.poll(_PULSE):
-                    failed = isinstance(outcome, Exception) and not isinstance(outcome, TaskStopped)
-                    if failed and self._attempts[task.name] < ATTEMPTS:
-                        self.add(task)
-                    else:
-                        yield task, outcome
-        finally:
-            self.stop()
-
-    def _submit(self) -> bool:
-        """Give tasks to the free workers; return whether there was one."""
-        begun = False
-        while self.count_running() < max(1, self.count_workers()):
-            task = self._waiting.popleft() if self._waiting else next(self._more, None)
-            if task is None:
-                break
-            self._attempts[task.name] += 1
-            self.submit(task, self._attempts[task.name])
-            begun = True
-        return begun
-
-
-#: A generator of workflow steps: it yields tasks that may run in parallel, receives their results
-#: in that order, and returns the final result. If one of them fails, its exception is raised at the
-#: `yield`.
-Workflow = Generator[list[Task], list[Any], Any]
-
-
-@dataclass
-class _Course:
-    steps: Workflow
-    tasks: list[str] = field(default_factory=list)
-    outcomes: dict[str, object] = field(default_factory=dict)
-
-    def advance(self, pool: Pool, error: Exception | None = None) -> None:
-        """Add the tasks of the next step. Raises StopIteration with the final result."""
-        results = [self.outcomes[name] for name in self.tasks]
-        begun = bool(self.tasks)
-        step = self.steps.throw(error) if error else self.steps.send(results if begun else None)  # type: ignore[arg-type]
-        self.tasks, self.outcomes = [task.name for task in step], {}
-        for task in step:
-            pool.add(task)
-
-
-def run_workflows(
-    pool: Pool, workflows: Mapping[str, Workflow]
-) -> Generator[tuple[str, Any], None, None]:
-    """Run the workflows; yield the name of each with its result, or its exception, as they
-    finish."""
-    running = {name: _Course(steps) for name, steps in workflows.items()}
-    for course in running.values():
-        course.advance(pool)
-    with closing(pool.outcomes()) as outcomes:
-        for task, outcome in outcomes:
-            name = next((n for n, course in running.items() if task.name in course.tasks), None)
-            if name is None:
-                continue  # another task of this workflow has failed
-            course = running[name]
-            course.outcomes[task.name] = outcome
-            failed = outcome if isinstance(outcome, Exception) else None
+        jobs, running = iter(jobs), dict[Future[Any], T]()
+        with ThreadPoolExecutor(MOST_WORKERS) as threads:
             try:
-                if failed or len(course.outcomes) == len(course.tasks):
-                    course.advance(pool, failed)
-            except StopIteration as end:
-                del running[name]
-                yield name, end.value
-            except Exception as error:
-                del running[name]
-                yield name, error
+                while True:
+                    n_free = max(1, self.count_workers()) - len(running)
+                    for name, job in islice(jobs, max(0, n_free)):
+                        running[threads.submit(job)] = name
+                    if not running:
+                        return
+                    for future in wait(running, _PULSE, FIRST_COMPLETED).done:
+                        yield running.pop(future), future.exception() or future.result()
+            finally:
+                if running:
+                    self.stop()

@@ -9,9 +9,10 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from multiprocessing import connection, get_context, parent_process
 from multiprocessing.connection import Connection
-from typing import NoReturn
+from queue import SimpleQueue
+from typing import Any, NoReturn
 
-from apf.cluster.pool import Outcome, Pool, Task
+from apf.cluster.pool import ATTEMPTS, Pool, Task
 from apf.cluster.task_side import Progress, TaskProgress, TaskStopped
 from apf.cluster.workers import Share, set_up_worker
 from cl import InputError
@@ -24,29 +25,41 @@ _TO_WRITE = 60.0
 class _Worker:
     """A worker process with its share of the machine."""
 
+    #: Held while a process starts with its environment, which is that of all threads.
+    _starting = threading.Lock()
+
     def __init__(self, share: Share) -> None:
         self.share = share
-        self.task: Task | None = None
         self.start()
 
     def start(self) -> None:
         """Start the process, which the terminal's interrupts do not reach."""
         context = get_context("spawn")  # no OpenCL survives a fork
         self.connection, other = context.Pipe()
-        with defer_interrupts(["SIGINT"]), changed_environment(self.share.environment):
+        with (
+            self._starting,
+            defer_interrupts(["SIGINT"]),
+            changed_environment(self.share.environment),
+        ):
             self.process = context.Process(target=_serve, args=(other,), name="take worker")
             self.process.start()
         other.close()
 
-    def end(self) -> None:
-        """End the process after its current frame, or by force."""
-        self.process.terminate()
+    def do(self, task: Task, on_progress: Callable[[Progress], object]) -> Any:
+        """Return the result of a task, or its exception. Raises EOFError or OSError if the process
+        dies."""
+        self.connection.send(task)
+        while isinstance(message := self.connection.recv(), Progress):
+            on_progress(message)
+        return message
+
+    def wait(self) -> None:
+        """Wait until the process has ended, which is forced if it takes long."""
         try:
             self.process.join(_TO_WRITE)
         finally:
             self.process.kill()
             self.process.join()
-            self.connection.close()
 
 
 class Processes(Pool):
@@ -54,61 +67,62 @@ class Processes(Pool):
     again. Ends them all at the end of the `with` block."""
 
     def __init__(
-        self, shares: Sequence[Share], on_progress: Callable[[Progress], object] | None = None
+        self,
+        shares: Sequence[Share],
+        on_progress: Callable[[Progress], object] = lambda message: None,
     ) -> None:
-        super().__init__()
         self._on_progress = on_progress
         self._workers = [_Worker(share) for share in shares]
+        self._idle = SimpleQueue[_Worker | None]()
+        self._lock, self._stopped = threading.Lock(), False
+        for worker in self._workers:
+            self._idle.put(worker)
 
     def __enter__(self) -> Processes:
         return self
 
     def __exit__(self, *_: object) -> None:
-        for worker in self._workers:  # together, before any is waited for
-            worker.process.terminate()
-        for worker in self._workers:
-            worker.end()
+        self.stop()
 
     def count_workers(self) -> int:
         return len(self._workers)
 
-    def count_running(self) -> int:
-        return sum(worker.task is not None for worker in self._workers)
-
-    def submit(self, task: Task, attempt: int) -> None:
-        worker = next(worker for worker in self._workers if worker.task is None)
-        worker.task = task
-        with suppress(OSError):  # it has died: `poll` notices
-            worker.connection.send(task)
-
-    def poll(self, seconds: float) -> list[Outcome]:
-        done = list[Outcome]()
-        busy = {worker.connection: worker for worker in self._workers if worker.task is not None}
-        for ready in connection.wait(list(busy), seconds):
-            worker = busy[ready]  # type: ignore[index]
-            assert worker.task is not None
+    def run(self, task: Task) -> Any:
+        outcome: Any = None
+        for _ in range(ATTEMPTS):
+            worker = self._idle.get()
+            if worker is None:
+                self._idle.put(None)  # for others that wait
+                raise TaskStopped(task.name)
             try:
-                message = worker.connection.recv()
+                outcome = worker.do(task, self._on_progress)
             except (EOFError, OSError):
-                message = InputError(f"its worker, process {worker.process.pid}, died")
-                worker.end()
+                outcome = InputError(f"its worker, process {worker.process.pid}, died")
+                self._restart(worker)
+            finally:
+                self._idle.put(worker)
+            if isinstance(outcome, TaskStopped) or not isinstance(outcome, Exception):
+                break
+        if isinstance(outcome, Exception):
+            raise outcome
+        return outcome
+
+    def _restart(self, worker: _Worker) -> None:
+        with self._lock:
+            if not self._stopped:
+                worker.wait()
                 worker.start()
-            if isinstance(message, Progress):
-                if self._on_progress is not None:
-                    self._on_progress(message)
-                continue
-            done.append((worker.task, message))
-            worker.task = None
-        return done
 
     def stop(self) -> None:
-        running = [worker for worker in self._workers if worker.task is not None]
-        for worker in running:
+        with self._lock:
+            self._stopped = True
+        while not self._idle.empty():
+            self._idle.get()
+        self._idle.put(None)
+        for worker in self._workers:
             worker.process.terminate()
-        for worker in running:
-            worker.end()
-            worker.task = None
-            worker.start()
+        for worker in self._workers:
+            worker.wait()
 
 
 def _serve(tasks: Connection) -> None:

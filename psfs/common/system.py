@@ -114,10 +114,11 @@ def defer_interrupts(names: Sequence[str] = ("SIGINT", "SIGTERM", "SIGHUP")) -> 
 
     The processes that threads started inside start never receive the first of them, which a
     terminal sends to all processes of a command: their own handlers are set only once they have
-    imported their modules. Does nothing but in the main thread.
+    imported their modules. Other threads than the main one receive no signals.
     """
     if threading.current_thread() is not threading.main_thread():
-        yield
+        with _block_signals(names[:1]):
+            yield
         return
     came: list[int] = []
     with handle_signals(lambda number, _: came.append(number), names), _block_signals(names[:1]):

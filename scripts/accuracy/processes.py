@@ -6,6 +6,7 @@ import math
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import closing, contextmanager
+from functools import partial
 from pathlib import Path
 
 from accuracy.suite import Job, Outcome, done
@@ -48,14 +49,14 @@ def do_jobs(
         for job in begun:
             keep(job, _attempt(device, job, lambda: None))
         return
-    tasks = (Task(str(job), do_job, (job,)) for job in begun)
-    with closing(pool.outcomes(tasks)) as outcomes:
-        for task, outcome in outcomes:
+    works = ((job, partial(pool.run, Task(str(job), do_job, (job,)))) for job in begun)
+    with closing(pool.outcomes(works)) as outcomes:
+        for job, outcome in outcomes:
             if isinstance(outcome, BaseException) and not isinstance(outcome, UserError):
                 raise outcome
             if isinstance(outcome, DeviceError):
                 raise outcome
-            keep(task.arguments[0], outcome)
+            keep(job, outcome)
 
 
 def do_job(progress: TaskProgress, job: Job) -> Outcome | UserError:

@@ -201,10 +201,11 @@ def _means(of_takes: Sequence[Mapping[str, float]]) -> dict[str, float]:
 
 
 def _done(pool: Pool, tasks: Iterable[Task]) -> Generator[TakeDone, None, None]:
-    with closing(pool.outcomes(tasks)) as outcomes:
-        for task, outcome in outcomes:
+    named = ((task.name, partial(pool.run, task)) for task in tasks)
+    with closing(pool.outcomes(named)) as outcomes:
+        for name, outcome in outcomes:
             if not isinstance(outcome, TakeDone):
-                raise InputError(f"{task.name}: {outcome}")
+                raise InputError(f"{name}: {outcome}")
             yield outcome
 
 

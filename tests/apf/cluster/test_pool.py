@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Iterator
-from contextlib import suppress
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -14,9 +16,9 @@ from helpers.tasks import die_until, double, interrupted, raise_until, wait_for_
 
 from apf.cli import main
 from apf.cluster.connection import DaskPool, connect_cluster
-from apf.cluster.pool import Task, Workflow, run_workflows
+from apf.cluster.pool import Task
 from apf.cluster.processes import Processes
-from apf.cluster.task_side import Progress
+from apf.cluster.task_side import Progress, TaskStopped
 from apf.cluster.workers import Share, share_machine
 from apf.tracking.track import Track
 from cl import InputError
@@ -59,16 +61,17 @@ def test_every_task_has_its_outcome(
         pool = DaskPool(pool, said.append)
     else:
         pool._on_progress = said.append
-    for name, work, times in (
-        ("raises twice", raise_until, 2),
-        ("raises", raise_until, 9),
-        ("dies", die_until, 9),
-    ):
-        pool.add(Task(name, work, (str(tmp_path / name), times)))
-    for number in range(6):
-        pool.add(Task(f"double {number}", double, (number,)))
-    pool.add(Task("interrupted", interrupted))
-    found = {task.name: outcome for task, outcome in pool.outcomes()}
+    tasks = [
+        Task(name, work, (str(tmp_path / name), times))
+        for name, work, times in (
+            ("raises twice", raise_until, 2),
+            ("raises", raise_until, 9),
+            ("dies", die_until, 9),
+        )
+    ]
+    tasks += [Task(f"double {number}", double, (number,)) for number in range(6)]
+    tasks.append(Task("interrupted", interrupted))
+    found = dict(pool.outcomes((task.name, partial(pool.run, task)) for task in tasks))
     # On Dask a worker that dies may take one beside it along, which then is done once more.
     assert found.pop("raises twice") in (3, 4, 5)
     raised, died = found.pop("raises"), found.pop("dies")
@@ -81,28 +84,31 @@ def test_every_task_has_its_outcome(
 
 
 def test_stopped_takes_write_what_they_have(processes: Processes, tmp_path: Path) -> None:
-    processes.add(Task("waits", wait_for_stop, (str(tmp_path / "file"),)))
-    outcomes = processes.outcomes()
-    processes._on_progress = lambda _: outcomes.close()  # as an interrupt does
-    with suppress(ValueError):
-        list(outcomes)
-    processes.stop()
+    begun = threading.Event()
+    processes._on_progress = lambda _: begun.set()
+    task = Task("waits", wait_for_stop, (str(tmp_path / "file"),))
+    with ThreadPoolExecutor() as threads:
+        waiting = threads.submit(processes.run, task)
+        assert begun.wait(120)
+        processes.stop()
+        with pytest.raises(TaskStopped):
+            waiting.result()
     assert (tmp_path / "file").read_text() == "frames so far"
 
 
-def test_a_course_goes_on_with_what_came_before(processes: Processes, tmp_path: Path) -> None:
-    def sum_of(numbers: list[int]) -> Workflow:
-        parts = yield [Task(f"{n} of {numbers}", double, (n,)) for n in numbers]
-        (found,) = yield [Task(f"all of {numbers}", double, (sum(part[0] for part in parts),))]
-        return found[0]
+def test_a_job_goes_on_with_what_came_before(processes: Processes, tmp_path: Path) -> None:
+    def sum_of(numbers: list[int]) -> int:
+        parts = processes.run_all([Task(f"{n} of {numbers}", double, (n,)) for n in numbers])
+        total = sum(part[0] for part in parts)
+        return processes.run(Task(f"all of {numbers}", double, (total,)))[0]
 
-    def failing() -> Workflow:
+    def failing() -> None:
         fails = Task("fails", raise_until, (str(tmp_path / "fails"), 9))
-        yield [fails, Task("beside it", double, (1,))]
+        processes.run_all([fails, Task("beside it", double, (1,))])
         raise AssertionError("it goes no further")
 
-    courses = {"a": sum_of([1, 2, 3]), "b": failing(), "c": sum_of([4])}
-    found = dict(run_workflows(processes, courses))
+    jobs = {"a": partial(sum_of, [1, 2, 3]), "b": failing, "c": partial(sum_of, [4])}
+    found = dict(processes.outcomes(jobs.items()))
     assert found["a"] == 24 and found["c"] == 16 and isinstance(found["b"], InputError)
 
 
