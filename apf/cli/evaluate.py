@@ -10,7 +10,6 @@ from rich.table import Table
 
 from apf.evaluation.angle_truth import (
     AngleError,
-    TrueAngles,
     evaluate_angles,
     load_true_angles,
     mean_error,
@@ -18,11 +17,12 @@ from apf.evaluation.angle_truth import (
 from apf.evaluation.conventions import axes_that_fit, choose_convention
 from apf.evaluation.evaluate import LOST_FRAMES, LOST_JOINT, LOST_LIMB, Evaluation, evaluate
 from apf.evaluation.evaluation_plot import write_plot
-from apf.evaluation.marker_truth import evaluate_markers, load_markers
-from apf.evaluation.people import MATCHED, PeopleEvaluation, evaluate_people, load_followed_truth
-from apf.evaluation.truth import is_of_people, load_people_truth, load_truth
+from apf.evaluation.marker_truth import MarkerSet, evaluate_markers, load_markers
+from apf.evaluation.people import MATCHED, PeopleEvaluation, evaluate_people, find_followed
+from apf.evaluation.truth import load_people_truth, load_truth
 from apf.formats.c3d import read_c3d
 from apf.formats.trc import JointSeries
+from apf.report.drawing import gather
 from apf.request import EvaluateRequest
 from apf.tracking.people import PeopleTracks, holds_people, person_folder
 from apf.tracking.track import Track, spans
@@ -36,110 +36,103 @@ from psfs.common.ranges import check_number
 def run(request: EvaluateRequest) -> None:
     if request.truth_start is not None:
         check_number("--truth-start, frames,", request.truth_start, -1e9, 1e9)
-    if holds_people(request.track):
-        _run_people(request)
-        return
-    if len(request.truth) > 1:
+    several = holds_people(request.track)
+    if several:
+        instead = f"applies only to one person; expected {request.track / 'person1'}"
+        request.refuse(["markers"], instead)
+    elif len(request.truth) > 1:
         raise InputError(
             f"{request.track}: the track of one person; expected one file of the truth, found "
             f"{len(request.truth)}"
         )
-    track = Track.open(request.track)
-    truth, convention = _truth(request, request.truth[0], track)
+    tracks = PeopleTracks.open(request.track) if several else gather(Track.open(request.track))
     markers = None if request.markers is None else load_markers(request.markers)
+    truth, convention = _read_truth(request, tracks[0].fps)
+    found: Evaluation | PeopleEvaluation
     try:
-        if (
-            request.convention is None
-            and markers is None
-            and request.truth[0].suffix.lower() == ".trc"
-        ):
-            truth, convention = _with_its_axes(track, truth, convention)
-        evaluation = (
-            evaluate(track, truth) if markers is None else evaluate_markers(track, markers, truth)
-        )
-    except InputError as error:
-        raise InputError(f"{request.track} against {request.truth[0]}: {error}") from None
-    by_index = request.truth_start is None and truth.at_rate(track.fps) is truth
-    if by_index and (true_angles := _true_angles(request.truth[0])) is not None:
-        angles = tuple(evaluate_angles(track, true_angles))
-        evaluation = replace(evaluation, angles=angles)
-    print_evaluation(evaluation)
-    print_angles(evaluation.angles)
-    if markers is None:
-        better = axes_that_fit([(track, truth)], evaluation.mean_error, convention)
-        if better is not None:
-            warn(better, stdout)
-    if track.smoothing is not None:
-        shown = ", ".join(f"{k} {v}" for k, v in track.smoothing.items() if v is not None)
-        stdout.print(f"the track was smoothed: {shown}", soft_wrap=True)
-    folder = request.output or (request.track if request.track.is_dir() else request.track.parent)
-    title = f"{resolve_path(request.track).name} against {request.truth[0].name}"
-    with output_folder(folder, request.COMMAND, addition=True, replaces=True):
-        written = _write_files(folder, evaluation, _select_files(request), title)
-    stdout.print("wrote " + ", ".join(str(path) for path in written), soft_wrap=True)
-
-
-def _run_people(request: EvaluateRequest) -> None:
-    """Compare the tracks of several people."""
-    request.refuse(["markers"], f"applies only to one person; expected {request.track / 'person1'}")
-    tracks = PeopleTracks.open(request.track)
-    truth, convention = _truth_of_people(request, tracks[0].fps)
-    try:
-        evaluation = evaluate_people(tracks, truth)
+        if several:
+            found = evaluate_people(tracks, truth)
+            pairs = [(track, series) for series in truth.values() for track in tracks]
+            better = axes_that_fit(pairs, found.apart, convention)
+        else:
+            found, better = _evaluate_one(request, tracks[0], truth, convention, markers)
     except InputError as error:
         stated = " ".join(map(str, request.truth))
         raise InputError(f"{request.track} against {stated}: {error}") from None
-    print_people_evaluation(evaluation)
-    pairs = [(track, series) for series in truth.values() for track in tracks]
-    better = axes_that_fit(pairs, evaluation.apart, convention)
+    if isinstance(found, Evaluation):
+        print_evaluation(found)
+        print_angles(found.angles)
+    else:
+        print_people_evaluation(found)
     if better is not None:
         warn(better, stdout)
-    folder, wanted, written = request.output or request.track, _select_files(request), []
+    if not several and tracks[0].smoothing is not None:
+        shown = ", ".join(f"{k} {v}" for k, v in tracks[0].smoothing.items() if v is not None)
+        stdout.print(f"the track was smoothed: {shown}", soft_wrap=True)
+    folder = request.output or (request.track if request.track.is_dir() else request.track.parent)
+    wanted = _select_files(request)
     with output_folder(folder, request.COMMAND, addition=True, replaces=True):
-        for name, number, errors in zip(
-            evaluation.names, evaluation.tracks, evaluation.errors, strict=True
-        ):
-            if errors is not None:
-                own = person_folder(folder, int(number) + 1)
-                own.mkdir(parents=True, exist_ok=True)
-                written += _write_files(own, errors, wanted, f"{own.name} against {name}")
-        if "json" in wanted:
-            written.append(folder / "evaluation.json")
-            evaluation.write_json(written[-1])
+        if isinstance(found, Evaluation):
+            title = f"{resolve_path(request.track).name} against {request.truth[0].name}"
+            written = _write_files(folder, found, wanted, title)
+        else:
+            written = _write_people(folder, found, wanted)
     stdout.print("wrote " + ", ".join(str(path) for path in written), soft_wrap=True)
 
 
-def _truth_of_people(request: EvaluateRequest, fps: float) -> tuple[dict[str, JointSeries], str]:
+def _evaluate_one(
+    request: EvaluateRequest,
+    track: Track,
+    truths: dict[str, JointSeries],
+    convention: str,
+    markers: MarkerSet | None,
+) -> tuple[Evaluation, str | None]:
+    """Compare a track with the nearest of the true people; return also a message if the truth has
+    other axes or another unit."""
+    path, name = request.truth[0], find_followed(track, truths)
+    truth = truths[name]
+    if len(truths) > 1:
+        stdout.print(f"the truth is of several people; the nearest is {name}", soft_wrap=True)
+    if markers is not None:
+        return evaluate_markers(track, markers, truth), None
+    if request.convention is None and path.suffix.lower() == ".trc":
+        default = convention
+        convention, truth = choose_convention(track, truth, default)
+        if convention != default:
+            stdout.print(
+                f"the truth is read with --convention {convention}: with {default}, the default, "
+                "it is of another place",
+                soft_wrap=True,
+            )
+    found = evaluate(track, truth)
+    by_index = request.truth_start is None and truth.at_rate(track.fps) is truth
+    if by_index and (true_angles := load_true_angles(path)) is not None:
+        found = replace(found, angles=tuple(evaluate_angles(track, true_angles)))
+    return found, axes_that_fit([(track, truth)], found.mean_error, convention)
+
+
+def _read_truth(request: EvaluateRequest, fps: float) -> tuple[dict[str, JointSeries], str]:
     """Return the truth of each person by name, in the frames of a sequence with `fps`, and the
     convention of its axes."""
-    if len(request.truth) == 1 and request.truth[0].suffix.lower() == ".npz":
-        truth = load_people_truth(request.truth[0])
-        if request.truth_start is None:
-            return truth, "z-up"
-        start = request.truth_start
-        return {name: of.resample(fps, start) for name, of in truth.items()}, "z-up"
-    names = [path.stem for path in request.truth]
-    if len(set(names)) < len(names):
-        names = [str(path) for path in request.truth]
-    read = [_truth_of_one(request, path, fps) for path in request.truth]
-    truth = {name: series for name, (series, _) in zip(names, read, strict=True)}
-    return truth, read[0][1]
-
-
-def _truth(request: EvaluateRequest, path: Path, track: Track) -> tuple[JointSeries, str]:
-    """Return the truth of a track in its frames, and the convention of its axes; of several people
-    that of the nearest, which is printed."""
-    if request.truth_start is not None or not is_of_people(path):
-        return _truth_of_one(request, path, track.fps)
-    request.refuse(["convention"], f"applies only to a TRC or C3D; {path} has Z up")
-    truth, name = load_followed_truth(track, path)
-    stdout.print(f"the truth is of several people; the nearest is {name}", soft_wrap=True)
-    return truth, "z-up"
-
-
-def _true_angles(path: Path) -> TrueAngles | None:
-    """Return the true angles of one person; None if the file has none, or is of several."""
-    return None if is_of_people(path) else load_true_angles(path)
+    convention, truth = "", dict[str, JointSeries]()
+    stems = [path.stem for path in request.truth]
+    for path in request.truth:
+        kind = path.suffix.lower()
+        if kind not in (".trc", ".c3d"):
+            request.refuse(["convention"], f"applies only to a TRC or C3D; {path} has Z up")
+        convention = request.convention or ("y-up" if kind == ".trc" else "z-up")
+        name = path.stem if stems.count(path.stem) == 1 else str(path)
+        if kind == ".c3d":
+            read = {name: read_c3d(path, request.convention)}
+        elif len(request.truth) > 1:
+            read = {name: load_truth(path, convention)}
+        else:
+            read = load_people_truth(path, convention)
+        if kind == ".c3d" or request.truth_start is not None:
+            start = request.truth_start
+            read = {name: of.resample(fps, start) for name, of in read.items()}
+        truth |= read
+    return truth, convention
 
 
 def _select_files(request: EvaluateRequest) -> list[str]:
@@ -148,33 +141,19 @@ def _select_files(request: EvaluateRequest) -> list[str]:
     return [kind for kind, on in chosen.items() if on] or list(chosen)
 
 
-def _truth_of_one(request: EvaluateRequest, path: Path, fps: float) -> tuple[JointSeries, str]:
-    """Return the truth in the frames of a sequence with `fps`, and the convention of its axes."""
-    kind = path.suffix.lower()
-    if kind == ".c3d":
-        truth = read_c3d(path, request.convention)
-        return truth.resample(fps, request.truth_start), request.convention or "z-up"
-    if kind != ".trc":
-        request.refuse(["convention"], f"applies only to a TRC or C3D; {path} has Z up")
-    # An npz is in world axes.
-    convention = (request.convention or "y-up") if kind == ".trc" else "z-up"
-    truth = load_truth(path, convention)
-    if request.truth_start is not None:
-        truth = truth.resample(fps, request.truth_start)
-    return truth, convention
-
-
-def _with_its_axes(track: Track, truth: JointSeries, default: str) -> tuple[JointSeries, str]:
-    """Return the truth of a TRC, read by the `default` convention, in the axes with which it is
-    near the track, and their name; print which if they are others."""
-    convention, found = choose_convention(track, truth, default)
-    if convention != default:
-        stdout.print(
-            f"the truth is read with --convention {convention}: with {default}, the default, it is "
-            "of another place",
-            soft_wrap=True,
-        )
-    return found, convention
+def _write_people(folder: Path, found: PeopleEvaluation, wanted: list[str]) -> list[Path]:
+    """Write the `wanted` files of each person into their own folder in `folder`, and the figures of
+    all; return the files."""
+    written = []
+    for name, number, errors in zip(found.names, found.tracks, found.errors, strict=True):
+        if errors is not None:
+            own = person_folder(folder, int(number) + 1)
+            own.mkdir(parents=True, exist_ok=True)
+            written += _write_files(own, errors, wanted, f"{own.name} against {name}")
+    if "json" in wanted:
+        written.append(folder / "evaluation.json")
+        found.write_json(written[-1])
+    return written
 
 
 def _write_files(folder: Path, evaluation: Evaluation, wanted: list[str], title: str) -> list[Path]:

@@ -17,7 +17,7 @@ from apf.backend import check_renderer
 from apf.body.model import BodyModel
 from apf.cli.live_start import read_live_people, start_captures, start_replay
 from apf.evaluation.people import evaluate_people, find_followed
-from apf.evaluation.truth import is_of_people, load_people_truth, load_truth
+from apf.evaluation.truth import load_people_truth
 from apf.filters.base import Estimate
 from apf.filters.method import Method
 from apf.formats.trc import JointSeries
@@ -42,8 +42,8 @@ from psfs.opening import open_sequence
 
 #: Time between two parts of a track, s.
 _APART = 1.0
-#: True joints, of several people by name.
-Truth = JointSeries | dict[str, JointSeries]
+#: True joints of each person by name.
+Truth = dict[str, JointSeries]
 #: What `Live.run` reports to.
 Progress = Callable[[LiveResult, Timeline], object]
 
@@ -63,7 +63,8 @@ def run(request: LiveRequest) -> None:
         raise InputError("--device numpy is no device for live tracking; expected an OpenCL device")
     check_renderer(device, method)
     number = read_live_people(request, method)
-    truth = _read_truth(request)
+    file = request.truth
+    truth = None if file is None else load_people_truth(file, request.convention)
     stated = [
         Path(path) for path in (request.init, request.body, request.truth) if path is not None
     ]
@@ -227,23 +228,13 @@ def compare_with_truth(
     """Return the errors against the truth, for the summary."""
     if truth is None:
         return {}
-    if isinstance(truth, dict) and len(tracks) == 1:
-        truth = truth[find_followed(tracks[0], truth)]
-    if isinstance(truth, dict):
-        return {"people_errors": evaluate_people(_gather(tracks), truth).summary()}
-    if len(tracks) > 1:
+    if len(tracks) == 1:
+        series = truth[find_followed(tracks[0], truth)]
+        return live_errors(tracks[0], series, np.array(result.latencies))
+    if len(truth) == 1:
         warn(f"--truth is of one person, and {len(tracks)} were tracked; they are not compared")
         return {}
-    return live_errors(tracks[0], truth, np.array(result.latencies))
-
-
-def _read_truth(request: LiveRequest) -> Truth | None:
-    """Return the truth of --truth, of several people by name."""
-    if request.truth is None:
-        return None
-    if is_of_people(request.truth):
-        return load_people_truth(request.truth)
-    return load_truth(request.truth, request.convention)
+    return {"people_errors": evaluate_people(_gather(tracks), truth).summary()}
 
 
 def _run(

@@ -8,7 +8,8 @@ from contextlib import suppress
 import numpy as np
 
 from apf.evaluation.evaluate import evaluate
-from apf.evaluation.people import load_followed_truth
+from apf.evaluation.people import find_followed
+from apf.evaluation.truth import load_people_truth
 from apf.report import PAGE
 from apf.request import TrackRequest
 from apf.takes.job import list_inputs
@@ -74,8 +75,9 @@ def describe_spread(take: Take) -> list[str]:
     lines = [f"{len(tracks)} runs: joints lie {away.mean():.1f} mm from the runs' mean"]
     path = take.sequence.folder / "truth.npz"
     with suppress(InputError):  # there is none
-        truth, _ = load_followed_truth(tracks[0], path)
-        errors = [1000 * evaluate(track, truth).mean_error for track in tracks]
+        truth = load_people_truth(path)
+        followed = truth[find_followed(tracks[0], truth)]
+        errors = [1000 * evaluate(track, followed).mean_error for track in tracks]
         spread = f"{np.mean(errors):.1f} ± {np.std(errors, ddof=1):.1f} mm"
         lines.append(f"mean error: {spread}, {min(errors):.1f} to {max(errors):.1f}")
     return lines

@@ -17,7 +17,7 @@ import numpy as np
 
 from apf.body.angles import angles_between
 from apf.evaluation.joint_names import EVALUATED_JOINTS, evaluated_joints
-from apf.evaluation.truth import is_of_people, read_truth
+from apf.evaluation.truth import read_truth
 from apf.tracking.track import Track
 
 #: Names of the bones that carry the segments, of the CMU rigs and of `apf synth`.
@@ -79,10 +79,8 @@ def load_true_segments(path: str | Path) -> tuple[np.ndarray, dict[str, np.ndarr
     bone's rotation in the world from its rest pose, Z up, beside the joints; None if it has no
     rotations. Raises InputError if it is invalid."""
     path = Path(path)
-    if path.suffix.lower() != ".npz" or is_of_people(path):
-        return None
-    truth = read_truth(path, bones=True)
-    if not truth.rotations:
+    truth = read_truth(path) if path.suffix.lower() == ".npz" else None
+    if truth is None or not truth.rotations:
         return None
     (series,) = truth.joints.values()
     joints, _, _ = evaluated_joints(series.joint_names, series.joints)

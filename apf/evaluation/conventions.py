@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from itertools import permutations, product
 
 import numpy as np
 
 from apf.evaluation.evaluate import evaluate
+from apf.evaluation.joint_names import evaluated_joints
 from apf.formats.trc import CONVENTIONS, JointSeries
 from apf.tracking.track import Track
+from psfs.common.matching import match_pairs
 
 #: Mean error, m, that no track of the same take has; greatest mean error, m, with the right axes,
 #: and its greatest share of the error with the stated ones.
 _ABSURD, _FITS, _SHARE = 0.4, 0.25, 0.4
-#: Factors between the units in common use: mm, cm, dm and m.
-_SCALES = (1.0, 1e-3, 1e-2, 1e-1, 1e1, 1e2, 1e3)
 
 
 def choose_convention(track: Track, truth: JointSeries, stated: str) -> tuple[str, JointSeries]:
@@ -26,10 +25,8 @@ def choose_convention(track: Track, truth: JointSeries, stated: str) -> tuple[st
     far from the track, or if it is near with no other named one.
     """
     error = evaluate(track, truth).mean_error
-    if error < _ABSURD:
-        return stated, truth
     read = truth.joints @ CONVENTIONS[stated]  # in the axes of the file
-    for name, matrix in CONVENTIONS.items():
+    for name, matrix in CONVENTIONS.items() if error >= _ABSURD else ():
         other = replace(truth, joints=read @ matrix.T)
         if evaluate(track, other).mean_error < min(_FITS, _SHARE * error):
             return name, other
@@ -48,54 +45,41 @@ def axes_that_fit(
     """
     if error < _ABSURD:
         return None
-    best: tuple[float, str] = (np.inf, "")
-    for track, truth in pairs:
-        found, words = _find_axes(track, truth, convention)
-        if found < best[0]:
-            best = found, words
-        if best[0] < _FITS:
-            break
-    if best[0] > min(_FITS, _SHARE * error):
+    best, words = min(_estimate_axes(*pair, convention) for pair in pairs)
+    if best > min(_FITS, _SHARE * error):
         return (
             f"the truth lies {error:.2f} m from the track, and no other axes or unit bring it "
             "near: is it of this take, and of the same calibration?"
         )
     return (
         f"the truth lies {error:.2f} m from the track with --convention {convention}, but "
-        f"{best[0]:.3f} m with {best[1]}"
+        f"{best:.3f} m with {words}"
     )
 
 
-def _find_axes(track: Track, truth: JointSeries, convention: str) -> tuple[float, str]:
-    """Return the least mean distance, m, of a track from the truth in other axes and units, and
-    these in words."""
+def _estimate_axes(track: Track, truth: JointSeries, convention: str) -> tuple[float, str]:
+    """Return the mean distance, m, of a track from the truth in the axes and the unit, a power of
+    ten of metres, that are nearest to the linear map from one to the other, and these in words."""
+    truth = truth.at_rate(track.fps)
     read = truth.joints @ CONVENTIONS[convention]  # in the axes of the file
-    best: tuple[float, str] = (np.inf, "")
-    for words, matrix in _candidates():
-        for scale in _SCALES:
-            other = replace(truth, joints=scale * read @ matrix.T)
-            found = evaluate(track, other).mean_error
-            if found < 0.95 * best[0]:  # prefer the first of several that are about equal
-                best = found, words + ("" if scale == 1 else f" and coordinates times {scale:g}")
-        if best[0] < _FITS:
-            break
-    return best
-
-
-def _candidates() -> Iterator[tuple[str, np.ndarray]]:
-    """Yield the axes that a file may have, likely ones first: their description, and the matrix
-    that rotates them to the world's."""
-    for name, matrix in CONVENTIONS.items():
-        yield f"--convention {name}", matrix
-    mirrored: list[tuple[str, np.ndarray]] = []
-    for order, signs in product(permutations(range(3)), product((1, -1), repeat=3)):
-        matrix = np.eye(3)[list(order)] * np.array(signs)[:, None]
-        axes = [
-            f"{'-' if sign < 0 else ''}{'XYZ'[k]}" for k, sign in zip(order, signs, strict=True)
-        ]
-        words = f"world axes (x, y, z) = ({', '.join(axes)}) of the file"
-        if np.linalg.det(matrix) > 0:
-            yield f"{words}, which has to be turned so", matrix
-        else:
-            mirrored.append((f"{words}, which is mirrored", matrix))
-    yield from mirrored
+    _, rows, true_rows = np.intersect1d(track.frames, truth.frames, return_indices=True)
+    ours = evaluated_joints(track.joint_names, track.joints[rows])[0].reshape(-1, 3)
+    true = evaluated_joints(truth.joint_names, read[true_rows])[0].reshape(-1, 3)
+    known = np.isfinite(ours).all(1) & np.isfinite(true).all(1)
+    if known.sum() < 3:
+        return np.inf, ""
+    linear = np.linalg.lstsq(true[known], ours[known], rcond=None)[0].T
+    size = np.linalg.norm(linear) / np.sqrt(3)
+    scale = 10.0 ** np.rint(np.log10(max(size, np.finfo(float).tiny)))
+    matrix = np.zeros((3, 3))
+    for row, column in match_pairs(-np.abs(linear), np.inf):
+        matrix[row, column] = 1.0 if linear[row, column] > 0 else -1.0
+    signs = {-1.0: "-", 0.0: "", 1.0: ""}
+    axes = [f"{signs[row.sum()]}{'XYZ'[np.abs(row).argmax()]}" for row in matrix]
+    kind = "which has to be turned so" if np.linalg.det(matrix) > 0 else "which is mirrored"
+    words = f"world axes (x, y, z) = ({', '.join(axes)}) of the file, {kind}"
+    named = [name for name, other in CONVENTIONS.items() if np.array_equal(other, matrix)]
+    words = f"--convention {named[0]}" if named else words
+    unit = "" if scale == 1 else f" and coordinates times {scale:g}"
+    moved = replace(truth, joints=scale * read @ matrix.T)
+    return evaluate(track, moved).mean_error, words + unit

@@ -8,7 +8,8 @@ data set for multi-target, multi-camera tracking, ECCV Workshops 2016.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,7 +18,7 @@ import numpy as np
 
 from apf.evaluation.evaluate import Evaluation, evaluate, list_warnings
 from apf.evaluation.joint_names import evaluated_joints
-from apf.evaluation.truth import is_of_people, load_people_truth, load_truth
+from apf.evaluation.truth import load_people_truth
 from apf.formats.trc import JointSeries
 from apf.tracking.people import PeopleTracks
 from apf.tracking.track import Track
@@ -120,35 +121,18 @@ class PeopleEvaluation:
         write_json(Path(path), self.summary())
 
 
-def load_followed_truth(track: Track, path: Path) -> tuple[JointSeries, str]:
-    """Return the true joints of the person that a track follows, as `load_truth` does, and their
-    name: of several people the nearest on average. The name is empty for the truth of one. Raises
-    InputError."""
-    if not is_of_people(path):
-        return load_truth(path), ""
-    truth = load_people_truth(path)
-    try:
-        name = find_followed(track, truth)
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from None
-    return truth[name], name
-
-
-def find_followed(track: Track, truth: dict[str, JointSeries]) -> str:
+def find_followed(track: Track, truth: Mapping[str, JointSeries]) -> str:
     """Return the name of the true person who is nearest to a track, in the mean distance of joints.
-    Raises InputError if no joint is known in any frame in common."""
-    own = _points(track.joint_names, track.joints, track.frames, track.frames)
-    truth = {name: series.at_rate(track.fps) for name, series in truth.items()}
-    near = {
-        name: _mean_distance(
-            _points(series.joint_names, series.joints, series.frames, track.frames), own
-        )
-        for name, series in truth.items()
-    }
-    name = min(near, key=near.__getitem__)
-    if not np.isfinite(near[name]):
+    Raises InputError if no joint of several is known in any frame in common."""
+    if len(truth) == 1:
+        return next(iter(truth))
+    errors: dict[str, float] = {}
+    for name, series in truth.items():
+        with suppress(InputError):
+            errors[name] = evaluate(track, series).mean_error
+    if not errors:
         raise InputError("the track and the truth have no joint in any frame in common")
-    return name
+    return min(errors, key=errors.__getitem__)
 
 
 def evaluate_tracks(
@@ -157,17 +141,16 @@ def evaluate_tracks(
     """Compare the tracks of a take's people with the truth in an npz, each with its person, see
     `evaluate_people`; None for a track without a person. seen: frames (F,) that show each person.
     Raises InputError."""
+    truth = load_people_truth(path)
     if len(tracks) == 1:
-        return [evaluate(tracks[0], load_followed_truth(tracks[0], path)[0])]
+        return [evaluate(tracks[0], truth[find_followed(tracks[0], truth)])]
     frames = np.unique(np.concatenate(list(seen)))
-    found = evaluate_people(
-        PeopleTracks(tuple(tracks), frames, tuple(seen)), load_people_truth(path)
-    )
+    found = evaluate_people(PeopleTracks(tuple(tracks), frames, tuple(seen)), truth)
     errors = dict(zip(found.tracks.tolist(), found.errors, strict=True))
     return [errors.get(number) for number in range(len(tracks))]
 
 
-def evaluate_people(tracks: PeopleTracks, truth: dict[str, JointSeries]) -> PeopleEvaluation:
+def evaluate_people(tracks: PeopleTracks, truth: Mapping[str, JointSeries]) -> PeopleEvaluation:
     """Compare the tracks of several people with the truth: in each frame matched by the distance of
     their joints, over all frames by the greatest number of matches.
 
@@ -229,13 +212,6 @@ def _apart(person: np.ndarray, track: np.ndarray) -> np.ndarray:
         warnings.simplefilter("ignore", RuntimeWarning)
         mean = np.nanmean(np.linalg.norm(person - track, axis=-1), axis=-1)
     return np.where(np.isfinite(mean), mean, np.inf)
-
-
-def _mean_distance(person: np.ndarray, track: np.ndarray) -> float:
-    """Return the mean distance, m, of joints (F, J, 3) over all frames, infinite without any."""
-    apart = _apart(person, track)
-    known = apart[np.isfinite(apart)]
-    return float(known.mean()) if known.size else np.inf
 
 
 def _match(apart: np.ndarray) -> np.ndarray:

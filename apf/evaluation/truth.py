@@ -34,33 +34,27 @@ _BONES = {
 class Truth:
     """The content of an npz of true motion.
 
-    joints: of each person by name. rotations: (F, 3, 3) by bone, in the world from its rest pose;
-    empty without any.
+    joints: of each person by name. several: whether it is of several people. rotations: (F, 3, 3)
+    by bone of one person, in the world from its rest pose; empty without any.
     """
 
     joints: dict[str, JointSeries]
+    several: bool
     rotations: dict[str, np.ndarray]
 
 
-def is_of_people(path: Path) -> bool:
-    """Return whether a truth is an npz whose joints have an axis for people. Raises InputError."""
-    if path.suffix.lower() != ".npz":
-        return False
-    return read_npz(path, {}, "an npz of true joints").get("joints", np.zeros(())).ndim == 4
-
-
-def read_truth(path: Path, people: bool = False, bones: bool = False) -> Truth:
-    """Read joint_names (J,), joints (F, J, 3) m, Z up, NaN or 0 0 0 where missing, fps and perhaps
-    frames (F,), the indices in the sequence (default: 0, 1, ...), from an npz.
-
-    people: whether joints may be (F, P, J, 3), with person_names (P,). bones: whether bone_names
-    (B,) and bone_rotations (F, B, 3, 3) are read. Raises InputError.
+def read_truth(path: Path) -> Truth:
+    """Read joint_names (J,), joints (F, J, 3) or, of several people, (F, P, J, 3) m, Z up, NaN or
+    0 0 0 where missing, fps and perhaps frames (F,), the indices in the sequence (default: 0, 1,
+    ...), from an npz; of several people also person_names (P,), of one bone_names (B,) and
+    bone_rotations (F, B, 3, 3). Raises InputError.
     """
-    shape = "(frames, people, joints, 3)" if people else "(frames, joints, 3)"
-    what = f"a .trc, .c3d or npz with joint_names, joints {shape} in metres and fps"
-    several = people and is_of_people(path)
-    schema = _SCHEMA | (_PEOPLE if several else {}) | (_BONES if bones else {})
-    data = read_npz(path, schema, what)
+    what = (
+        "a .trc, .c3d or npz with joint_names, joints (frames, joints, 3) or (frames, people, "
+        "joints, 3) in metres and fps"
+    )
+    several = read_npz(path, {}, what).get("joints", np.zeros(())).ndim == 4
+    data = read_npz(path, _SCHEMA | (_PEOPLE if several else _BONES), what)
     joints = data["joints"].astype(np.float64)
     joints = drop_origin(joints if several else joints[:, None])
     names = tuple(str(name) for name in data["joint_names"])
@@ -79,25 +73,28 @@ def read_truth(path: Path, people: bool = False, bones: bool = False) -> Truth:
     fps = float(get_scalar(data["fps"]))
     series = [JointSeries(names, of, fps, frames) for of in joints.swapaxes(0, 1)]
     rotations = {}
-    if bones and {"bone_names", "bone_rotations"} <= set(data):
+    if not several and {"bone_names", "bone_rotations"} <= set(data):
         turns = data["bone_rotations"].astype(np.float64).swapaxes(0, 1)
         rotations = dict(zip(map(str, data["bone_names"]), turns, strict=True))
-    return Truth(dict(zip(persons, series, strict=True)), rotations)
+    return Truth(dict(zip(persons, series, strict=True)), several, rotations)
 
 
 def load_truth(path: str | Path, convention: str = "y-up") -> JointSeries:
     """Read true joints or markers of one person from a .trc (axes after `convention`), a .c3d,
     which states its vertical axis, its rate and its frame numbers, or an npz, see `read_truth`.
     Raises InputError."""
+    found = load_people_truth(path, convention)
+    if len(found) > 1:
+        raise InputError(f"{path}: joints of {len(found)} people; expected those of one")
+    return next(iter(found.values()))
+
+
+def load_people_truth(path: str | Path, convention: str = "y-up") -> dict[str, JointSeries]:
+    """Read the true joints of several people, or of one, by name, see `load_truth`. Raises
+    InputError."""
     path = Path(path)
     if path.suffix.lower() == ".c3d":
-        return read_c3d(path)
+        return {path.stem: read_c3d(path)}
     if path.suffix.lower() == ".trc":
-        return read_trc(path, convention)
-    (series,) = read_truth(path).joints.values()
-    return series
-
-
-def load_people_truth(path: str | Path) -> dict[str, JointSeries]:
-    """Read the true joints of several people, or of one, by name. Raises InputError."""
-    return read_truth(Path(path), people=True).joints
+        return {path.stem: read_trc(path, convention)}
+    return read_truth(path).joints
