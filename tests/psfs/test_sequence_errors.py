@@ -94,7 +94,7 @@ PROBLEMS: dict[str, tuple[Callable[[Path], object], str]] = {
     "not a rotation": (stretched, "R is not a rotation"),
     "NaN": (
         lambda f: edit(f, lambda t: t["cam01"].update(translation=[0.0, float("nan"), 1.0])),
-        "calibration.toml: camera cam01: translation.1 is nan; expected a finite number",
+        "calibration.toml: camera cam01: translation holds a number that is not finite",
     ),
     "malformed toml": (lambda f: write(f / "calibration.toml", "[cam01"), "malformed TOML"),
     "malformed settings": (lambda f: write(f / "sequence.toml", "up = "), "sequence.toml: malf"),

@@ -7,12 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import cv2
-
 from cl import InputError, MissingFileError
 from psfs.calibration.targets.dictionaries import DICTIONARIES
-from psfs.cameras.calibration.common import name_file_in_errors, read_text
-from psfs.cameras.calibration.filestorage import check_nesting
+from psfs.cameras.calibration.common import name_file_in_errors
+from psfs.cameras.calibration.filestorage import read_storage
 from psfs.common.numbers import INCH
 from psfs.common.toml import read_toml
 
@@ -43,10 +41,10 @@ def read_board(path: Path) -> BoardFacts:
             f"{path}: no such file; expected charuco, chessboard, or a board's file: {EXPECTED}"
         )
     with name_file_in_errors(path):
-        if path.suffix.lower() != ".toml":
-            return _read_opencv(path)
-        content = read_toml(path)
         try:
+            if path.suffix.lower() != ".toml":
+                return _read_opencv(path)
+            content = read_toml(path)
             if (table := content.get("charuco", content)).keys() >= {"columns", "rows"}:
                 return _read_caliscope(table)
             lenses = content["calibration"]["calculate"]["intrinsics"]
@@ -86,18 +84,14 @@ def _read_pose2sim(table: Mapping[str, Any]) -> BoardFacts:
 
 def _read_opencv(path: Path) -> BoardFacts:
     """Read the settings of OpenCV's sample: sizes in mm; a chessboard's by its inner corners."""
-    text = read_text(path)
-    check_nesting(text, path.suffix.lower())
-    try:
-        storage = cv2.FileStorage(text, cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY)
-        node = storage.getNode("Settings")
-        node = storage.root() if node.empty() else node
-        pattern = _PATTERNS.get(node.getNode("Calibrate_Pattern").string(), "")
-        width, height = (node.getNode(f"BoardSize_{side}").real() for side in ("Width", "Height"))
-        square, marker = node.getNode("Square_Size").real(), node.getNode("Marker_Size").real()
-        name = node.getNode("ArUco_Dict_Name").string()
-    except (cv2.error, SystemError, ValueError):
-        raise InputError(f"malformed; expected {EXPECTED}") from None
+    content = read_storage(path)
+    node = content.get("Settings", content)
+    pattern = _PATTERNS.get(str(node.get("Calibrate_Pattern")), "")
+    width, height, square, marker = (
+        float(node.get(key, 0))
+        for key in ("BoardSize_Width", "BoardSize_Height", "Square_Size", "Marker_Size")
+    )
+    name = str(node.get("ArUco_Dict_Name", ""))
     if not pattern or min(width, height, square) <= 0:
         raise InputError(
             "no Calibrate_Pattern of CHESSBOARD or CHARUCOBOARD with BoardSize_Width, "

@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 from cl import InputError, MissingFileError
 from psfs.cameras.calibration.colmap import read_colmap
 from psfs.cameras.calibration.common import (
-    LEFT_HANDED,
     Calibration,
     Sizes,
-    check_same_handedness,
-    name_file_in_errors,
     read_text,
-    record_handedness,
 )
 from psfs.cameras.calibration.filestorage import read_easymocap, read_filestorage
 from psfs.cameras.calibration.layouts import read_layout
@@ -114,14 +109,6 @@ def read_calibration(
     path = Path(path)
     if not path.exists():
         raise MissingFileError(f"{path}: no such calibration file")
-    with record_handedness() as left:
-        rig = _read(path, unit, sizes)
-    with name_file_in_errors(path):
-        check_same_handedness(left)
-    return replace(rig, notes=(*rig.notes, LEFT_HANDED)) if any(left) else rig
-
-
-def _read(path: Path, unit: Unit | None, sizes: Sizes) -> Calibration:
     suffix, name = path.suffix.lower(), path.name
     models = [f"{what}{ending}" for what in ("cameras", "images") for ending in _MODELS]
     if name in ("intri.yml", "extri.yml", *models):

@@ -10,28 +10,27 @@ after its folder if each folder holds one image.
 from __future__ import annotations
 
 import struct
+from dataclasses import replace
 from pathlib import Path, PurePosixPath
 from typing import IO, Any
 
 import numpy as np
-import scipy
 
 from cl import InputError
 from psfs.cameras.calibration.common import (
+    PLAIN,
     Calibration,
-    check_whole_size,
-    convert_to_metres,
+    build,
     name_file_in_errors,
     parse_numbers,
+    parse_quaternion,
     read_text,
 )
-from psfs.cameras.camera import MOST_CAMERAS, Camera, CameraRig
-from psfs.cameras.names import join_names, natural_key
+from psfs.cameras.camera import MOST_CAMERAS
+from psfs.cameras.names import join_names
 from psfs.cameras.units import Unit
 from psfs.common.reading import open_input, parsing
 
-#: Largest error of a quaternion's length, which programs round.
-_UNIT = 0.01
 #: Index of fx, fy, cx, cy, k1, k2, p1, p2, k3 among a model's parameters; -1 means zero. Of the
 #: fisheye lens k1 to k4.
 _MODELS = {
@@ -58,20 +57,15 @@ def read_colmap(folder: Path, unit: Unit | None) -> Calibration:
         if not images or any(len(words) != 10 for words in images):
             raise InputError("expected lines IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME")
         names = name_cameras([words[9] for words in images])
-        cameras = []
+        records = []
         for name, words in zip(names, images, strict=True):
             if words[8] not in intrinsics:
                 raise InputError(f"image {name}: no camera {words[8]}; there are "
                                  f"{join_names(intrinsics)}")  # fmt: skip
-            size, K, distortion, fisheye = intrinsics[words[8]]
             pose = parse_numbers(words[1:8], f"image {name}")
-            length = float(np.linalg.norm(pose[:4]))
-            if not abs(length - 1) < _UNIT:
-                raise InputError(f"image {name}: a quaternion of length {length:.3g}; expected 1")
-            R = scipy.spatial.transform.Rotation.from_quat(pose[[1, 2, 3, 0]]).as_matrix()
-            cameras.append(Camera(name, K, distortion, R, pose[4:], size, fisheye=fisheye))
-        cameras.sort(key=lambda camera: natural_key(camera.name))
-        return convert_to_metres(CameraRig(tuple(cameras)), unit, default="m")
+            R = parse_quaternion(pose[[1, 2, 3, 0]], f"image {name}")
+            records.append((name, {**intrinsics[words[8]], "R": R, "t": pose[4:]}))
+        return build(replace(PLAIN, program="COLMAP"), records, unit, None)
 
 
 def _read_model(folder: Path) -> tuple[tuple[Path, list[list[str]]], tuple[Path, list[list[str]]]]:
@@ -100,7 +94,7 @@ def _lines(path: Path) -> list[str]:
     return [line for line in read_text(path).splitlines() if not line.startswith("#")]
 
 
-def _intrinsics(words: list[str]) -> tuple[tuple[int, int], np.ndarray, np.ndarray, bool]:
+def _intrinsics(words: list[str]) -> dict[str, Any]:
     if len(words) < 4 or words[1] not in _MODELS:
         model = words[1] if len(words) > 1 else "nothing"
         raise InputError(f"camera model {model}; expected one of {join_names(_MODELS)}")
@@ -112,8 +106,8 @@ def _intrinsics(words: list[str]) -> tuple[tuple[int, int], np.ndarray, np.ndarr
         raise InputError(f"camera {words[0]}: rational distortion; expected k1 k2 p1 p2 k3 alone")
     fx, fy, cx, cy, *distortion = (parameters[place] if place >= 0 else 0.0 for place in places)
     K = np.array([[fx, 0, cx - 0.5], [0, fy, cy - 0.5], [0, 0, 1]])
-    size = check_whole_size(values[0], values[1], f"camera {words[0]}")
-    return size, K, np.array(distortion), words[1] == "OPENCV_FISHEYE"
+    fisheye = words[1] == "OPENCV_FISHEYE"
+    return {"K": K, "distortion": distortion, "size": values[:2], "fisheye": fisheye}
 
 
 #: Names and numbers of parameters of the models, by their ids.

@@ -1,20 +1,20 @@
-"""Parse numbers, rotations, sizes and units for all calibration readers, and mirror left-handed
-worlds."""
+"""Build rigs from what files say of each camera: one table of keys, units and directions per
+format."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from contextvars import ContextVar
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from xml.etree import ElementTree
+from typing import Any, Literal
 
 import cv2
 import numpy as np
+import scipy
 
 from cl import InputError
-from psfs.cameras.camera import Camera, CameraRig
+from psfs.cameras.camera import MOST_CAMERAS, Camera, CameraRig
+from psfs.cameras.names import join_names, natural_key
 from psfs.cameras.units import Unit, metres_per_unit, scale_rig
 from psfs.common import files
 from psfs.common.files import name_file_in_errors as name_file_in_errors
@@ -23,39 +23,6 @@ from psfs.common.toml import MOST_BYTES as MOST_BYTES
 #: Takes a left-handed world to a right-handed one: negates X.
 MIRROR = np.diag([-1.0, 1.0, 1.0])
 LEFT_HANDED = "the calibration's world is left-handed: its X axis is negated"
-
-#: One entry per rotation of the calibration being read: whether it is left-handed.
-_seen: ContextVar[list[bool] | None] = ContextVar("handedness", default=None)
-
-
-def make_right_handed(R: np.ndarray) -> np.ndarray:
-    """Return R (3, 3), orthogonal, in the mirrored world if its determinant is -1."""
-    left = bool(np.linalg.det(R) < 0)
-    seen = _seen.get()
-    if seen is not None:
-        seen.append(left)
-    return R @ MIRROR if left else R
-
-
-@contextmanager
-def record_handedness() -> Iterator[list[bool]]:
-    """Collect for each rotation that is read inside whether it is left-handed."""
-    seen: list[bool] = []
-    token = _seen.set(seen)
-    try:
-        yield seen
-    finally:
-        _seen.reset(token)
-
-
-def check_same_handedness(seen: list[bool]) -> None:
-    """Raise InputError if some rotations are left-handed and others are not."""
-    if any(seen) and not all(seen):
-        raise InputError(
-            f"{sum(seen)} of {len(seen)} rotations have determinant -1, the others 1; expected "
-            "all cameras in one world, right-handed or left-handed"
-        )
-
 
 Size = tuple[int, int]
 #: Picture sizes (width, height) for files that lack them: one for all cameras, one per camera name,
@@ -66,12 +33,13 @@ Sizes = Size | Mapping[str, Size] | Callable[[Sequence[str]], Sequence[Size]] | 
 TO_OPENCV = np.diag([1.0, -1.0, -1.0])
 #: Most numbers in one value; the longest value is the distortion.
 _MOST_NUMBERS = 64
-
 #: Up to this deviation from a rotation, R is taken for a rounded rotation and corrected.
-ROUNDING = 1e-3
+_ROUNDING = 1e-3
+#: No length, px or mm, or angle is as large; the products of a few such are still finite.
+_TOO_LARGE = 1e60
 
-#: Longest rotation vector, rad; some programs write a turn too many.
-_MOST_TURN = 13.0
+#: What a file says of one camera, by key.
+Record = Mapping[str, Any]
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,13 +53,58 @@ class Calibration(CameraRig):
     notes: tuple[str, ...] = ()
 
 
+@dataclass(frozen=True)
+class Layout:
+    """Where a program's records have what.
+
+    program: its name; cameras are sorted by their names, without one they stay as in the file. K:
+    fx fy cx cy, or a matrix. distortion: keys whose numbers follow each other: k1 k2 p1 p2 k3.
+    R and t, or pose, a matrix of 3x4 or 4x4. size: one key with width and height, or two. unit: of
+    lengths. by_columns: whether matrices are stored by columns. pose_of: what the pose maps: the
+    world to the camera, back, or the camera before to this one. opengl: whether the camera's axes
+    are y up and z backward. lens: a key with the values that say OpenCV's lens and its fisheye
+    lens; other values are refused. kappa: Tsai's distortion. file: what of a file's name is the
+    camera's.
+    """
+
+    program: str
+    K: str
+    distortion: tuple[str, ...]
+    R: str = ""
+    t: str = ""
+    pose: str = ""
+    size: tuple[str, ...] = ()
+    unit: Unit = "m"
+    by_columns: bool = False
+    pose_of: Literal["world", "camera", "neighbour"] = "world"
+    opengl: bool = False
+    lens: tuple[str, tuple[object, ...], tuple[object, ...]] = ("", (), ())
+    kappa: str = ""
+    file: str = r"(.+)\.\w+"
+
+    def fits(self, records: Sequence[Record]) -> bool:
+        """Return whether all records have the keys of this layout."""
+        keys = [self.K, *self.distortion, self.R, self.t, self.pose, *self.size]
+        needed = {key for key in keys if key}
+        first = {self.pose} if self.pose_of == "neighbour" else set()
+        return all(needed - (set() if k else first) <= of.keys() for k, of in enumerate(records))
+
+
+#: Of records that readers make themselves, in the order of the file. Sizes may be absent.
+PLAIN = Layout(
+    "", "K", ("distortion",), "R", "t", size=("size",), lens=("fisheye", (None, False), (True,)),
+    kappa="kappa",
+)  # fmt: skip
+#: The same with poses from the camera, with y up and z backward, to the world.
+OPENGL_POSES = Layout(
+    "OpenGL", "K", ("distortion",), pose="pose", size=("size",), pose_of="camera", opengl=True,
+    lens=PLAIN.lens,
+)  # fmt: skip
+
+
 def read_text(path: Path, encoding: str = "UTF-8") -> str:
     """Read the text of a file. Raises InputError naming it, MissingFileError if it is absent."""
     return files.read_text(path, "a calibration", MOST_BYTES, encoding)
-
-
-#: No length, px or mm, or angle is as large; the products of a few such are still finite.
-_TOO_LARGE = 1e60
 
 
 def parse_numbers(words: Sequence[str], what: str) -> np.ndarray:
@@ -126,33 +139,21 @@ def parse_array(value: object, count: int | None, what: str) -> np.ndarray:
     return flat
 
 
-def check_whole_size(width: float, height: float, what: str) -> Size:
+def parse_quaternion(values: np.ndarray, what: str) -> np.ndarray:
+    """Return the rotation (3, 3) of a quaternion x y z w. Raises InputError unless its length is 1,
+    to one percent."""
+    length = float(np.linalg.norm(values))
+    if not abs(length - 1) < 0.01:
+        raise InputError(f"{what}: a quaternion of length {length:.3g}; expected 1")
+    return scipy.spatial.transform.Rotation.from_quat(values).as_matrix()
+
+
+def check_whole_size(values: np.ndarray | Sequence[float], what: str) -> Size:
     """Return the size of a picture, px. Raises InputError unless both are whole numbers."""
+    width, height = values
     if width != int(width) or height != int(height):
         raise InputError(f"{what} is {width:g} x {height:g}; expected whole numbers of pixels")
     return int(width), int(height)
-
-
-def parse_rotation(value: object, what: str) -> np.ndarray:
-    """Convert a Rodrigues vector (3 numbers) or a matrix (9 numbers, row-major) to R (3, 3).
-
-    A matrix within `ROUNDING` of a rotation becomes the nearest rotation (by SVD); any other is
-    returned unchanged, for `Camera` to reject. `make_right_handed` mirrors that of a left-handed
-    world.
-    """
-    flat = parse_array(value, None, what)
-    if flat.size == 3:
-        if np.linalg.norm(flat) > _MOST_TURN:
-            raise InputError(f"{what} turns by {np.linalg.norm(flat):.3g} rad; expected up to 6.3")
-        # A Rodrigues vector is right-handed: this records it, so that mixed worlds are noticed.
-        return make_right_handed(cv2.Rodrigues(flat)[0])
-    if flat.size != 9:
-        raise InputError(f"{what} has {flat.size} numbers; expected 3 (Rodrigues) or 9 (a matrix)")
-    R = flat.reshape(3, 3)
-    if np.abs(R @ R.T - np.eye(3)).max() < ROUNDING:
-        left, _, right = np.linalg.svd(R)
-        R = make_right_handed(left @ right)
-    return R
 
 
 def find_sizes(names: Sequence[str], sizes: Sizes) -> list[Size]:
@@ -169,31 +170,109 @@ def find_sizes(names: Sequence[str], sizes: Sizes) -> list[Size]:
     return [sizes] * len(names)
 
 
-def build_rig(
-    names: Sequence[str],
-    sizes: Sizes,
-    camera: Callable[[str, Size], Camera],
-    unit: Unit | None,
-    default: Unit,
+def build(
+    layout: Layout, records: Iterable[tuple[str, Record]], unit: Unit | None, sizes: Sizes
 ) -> Calibration:
-    """Build a rig in metres from the cameras that `camera(name, size)` returns for each name."""
-    pairs = zip(names, find_sizes(names, sizes), strict=True)
-    return convert_to_metres(CameraRig(tuple(camera(*pair) for pair in pairs)), unit, default)
+    """Return the rig, in metres, of named records; left-handed worlds are mirrored.
+
+    sizes: of the pictures of cameras whose records have none. Raises InputError naming camera and
+    key, and if only some rotations are left-handed.
+    """
+    records = list(records)
+    if len(records) > MOST_CAMERAS:
+        raise InputError(f"{len(records)} cameras; expected at most {MOST_CAMERAS}")
+    sized = [bool(layout.size) and {*layout.size} <= record.keys() for _, record in records]
+    known = [] if all(sized) else find_sizes([name for name, _ in records], sizes)
+    cameras, left, before = [], [], np.eye(4)
+    for row, (name, record) in enumerate(records):
+        pose = _read_pose(layout, record, f"camera {name}")
+        if layout.pose_of == "neighbour":
+            pose = before = pose @ before
+        R, mirrored = _mend_rotation(pose[:3, :3])
+        left.append(mirrored)
+        size = _read_size(layout, record, name) if sized[row] else known[row]
+        cameras.append(_make_camera(layout, name, record, (R, pose[:3, 3]), size))
+    if any(left) and not all(left):
+        raise InputError(
+            f"{sum(left)} of {len(left)} rotations have determinant -1, the others 1; expected "
+            "all cameras in one world, right-handed or left-handed"
+        )
+    if layout.program:
+        cameras.sort(key=lambda camera: natural_key(camera.name))
+    unit = layout.unit if unit is None else unit
+    rig = scale_rig(CameraRig(tuple(cameras)), metres_per_unit(unit))
+    return Calibration(rig.cameras, unit, (LEFT_HANDED,) if any(left) else ())
 
 
-def read_attributes(
-    camera: ElementTree.Element, tag: str, names: Sequence[str], name: str
-) -> np.ndarray:
-    """Return the numbers of an element inside a camera's. Raises InputError naming camera, element
-    and attribute."""
-    element = camera.find(tag)
-    missing = [key for key in names if element is None or key not in element.attrib]
-    if element is None or missing:
-        raise InputError(f"camera {name}: {tag} lacks {', '.join(missing)}")
-    return parse_numbers([element.attrib[key] for key in names], f"camera {name}: {tag}")
+def _get(record: Record, key: str, what: str) -> Any:
+    if key not in record:
+        raise InputError(f"{what} lacks the key {key}")
+    return record[key]
 
 
-def convert_to_metres(rig: CameraRig, unit: Unit | None, default: Unit) -> Calibration:
-    """Convert the rig from `unit`, or from the format's `default` unit, to metres."""
-    given = default if unit is None else unit
-    return Calibration(scale_rig(rig, metres_per_unit(given)).cameras, given)
+def _make_camera(
+    layout: Layout, name: str, record: Record, pose: tuple[np.ndarray, np.ndarray], size: Size
+) -> Camera:
+    what = f"camera {name}"
+    K = parse_array(_get(record, layout.K, what), None, f"{what}: {layout.K}")
+    if K.size == 4:
+        K = np.array([K[0], 0, K[2], 0, K[1], K[3], 0, 0, 1])
+    side = 4 if K.size == 16 else 3
+    if K.size != side**2:
+        raise InputError(f"{what}: {layout.K} has {K.size} numbers; expected 4, 9 or 16")
+    K = K.reshape(side, side)[:3, :3]
+    K = K.T if layout.by_columns else K
+    keys = layout.distortion
+    parts = [parse_array(_get(record, key, what), None, f"{what}: {key}") for key in keys]
+    key, plain, fisheye = layout.lens
+    if key and record.get(key) not in (*plain, *fisheye):
+        lenses = join_names(str(lens) for lens in (*plain, *fisheye))
+        raise InputError(f"{what}: the lens is {record.get(key)}; expected {lenses}")
+    bent = bool(key) and record.get(key) in fisheye
+    (kappa,) = parse_array(record.get(layout.kappa, 0.0), 1, f"{what}: {layout.kappa}")
+    distortion = np.concatenate(parts)[: 4 if bent else None]
+    return Camera(name, K, distortion, *pose, size, kappa=float(kappa), fisheye=bent)
+
+
+def _read_pose(layout: Layout, record: Record, what: str) -> np.ndarray:
+    """Return the transform (4, 4) from the world, or the neighbour, to the camera."""
+    whole = np.eye(4)
+    if layout.R:
+        R = parse_array(_get(record, layout.R, what), None, f"{what}: {layout.R}")
+        if R.size not in (3, 9):
+            raise InputError(
+                f"{what}: {layout.R} has {R.size} numbers; expected 3 (Rodrigues) or 9 (a matrix)"
+            )
+        turn = cv2.Rodrigues(R)[0] if R.size == 3 else R.reshape(3, 3)
+        whole[:3, :3] = turn.T if layout.by_columns else turn
+        whole[:3, 3] = parse_array(_get(record, layout.t, what), 3, f"{what}: {layout.t}")
+    elif layout.pose in record:
+        rows = parse_array(record[layout.pose], None, f"{what}: {layout.pose}")
+        if rows.size not in (12, 16):
+            raise InputError(f"{what}: {layout.pose} has {rows.size} numbers; expected 12 or 16")
+        whole[:3] = rows[:12].reshape(3, 4)
+    if layout.pose_of == "camera":
+        whole[:3, :3] = whole[:3, :3].T
+        whole[:3, 3] = -whole[:3, :3] @ whole[:3, 3]
+    if layout.opengl:
+        whole[:3] = TO_OPENCV @ whole[:3]
+    return whole
+
+
+def _mend_rotation(matrix: np.ndarray) -> tuple[np.ndarray, bool]:
+    """Return the rotation (3, 3) nearest to a rounded one, in the mirrored world if that is
+    left-handed, and whether it is; any other matrix as it is, for `Camera` to reject."""
+    if not np.abs(matrix @ matrix.T - np.eye(3)).max() < _ROUNDING:
+        return matrix, False
+    first, _, second = np.linalg.svd(matrix)
+    R = first @ second
+    left = bool(np.linalg.det(R) < 0)
+    return (R @ MIRROR if left else R), left
+
+
+def _read_size(layout: Layout, record: Record, name: str) -> Size:
+    what = f"camera {name}: {join_names(layout.size)}"
+    values = np.concatenate([parse_array(record[key], None, what) for key in layout.size])
+    if len(values) != 2:
+        raise InputError(f"{what} has {len(values)} numbers; expected width and height")
+    return check_whole_size(values, what)

@@ -7,7 +7,8 @@ x_cam = R X + T, the rotation as a matrix or a Rodrigues vector.
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from itertools import accumulate
 from pathlib import Path
 from typing import Any
@@ -17,46 +18,37 @@ import numpy as np
 
 from cl import InputError
 from psfs.cameras.calibration.common import (
+    PLAIN,
     Calibration,
-    Size,
     Sizes,
-    check_whole_size,
-    convert_to_metres,
-    find_sizes,
+    build,
     name_file_in_errors,
-    parse_array,
-    parse_rotation,
     read_text,
 )
-from psfs.cameras.camera import MOST_CAMERAS, Camera, CameraRig
+from psfs.cameras.camera import MOST_CAMERAS
 from psfs.cameras.names import join_names, natural_key
 from psfs.cameras.units import Unit
 
-_K = ("CameraMatrix", "camera_matrix", "Camera_Matrix", "cameraMatrix", "M1", "M", "K")
-_DISTORTION = (
-    "DistortionCoeffs",
-    "distortion_coefficients",
-    "Distortion_Coefficients",
-    "distCoeffs",
-    "dist_coeffs",
-    "D1",
-    "D",
-    "dist",
-)
-_ROTATION = (
-    *("R", "Rot", "Rotation", "rotation", "rotation_matrix", "rvec", "rotation_vector"),
-    *("RotationValues", "RotationVector"),
-)
-_TRANSLATION = (
-    *("T", "t", "Translation", "translation", "tvec", "translation_vector"),
-    *("TranslationValues", "TranslationVector"),
-)
-_WIDTH, _HEIGHT = (
-    ("image_width", "image_Width", "width"),
-    ("image_height", "image_Height", "height"),
-)
-
-
+#: Names of the parts of a camera in programs' files.
+_NAMES = {
+    "K": ("CameraMatrix", "camera_matrix", "Camera_Matrix", "cameraMatrix", "M1", "M", "K"),
+    "distortion": (
+        *("DistortionCoeffs", "distortion_coefficients", "Distortion_Coefficients"),
+        *("distCoeffs", "dist_coeffs", "D1", "D", "dist"),
+    ),
+    "R": (
+        *("R", "Rot", "Rotation", "rotation", "rotation_matrix", "rvec", "rotation_vector"),
+        *("RotationValues", "RotationVector"),
+    ),
+    "t": (
+        *("T", "t", "Translation", "translation", "tvec", "translation_vector"),
+        *("TranslationValues", "TranslationVector"),
+    ),
+    "width": ("image_width", "image_Width", "width"),
+    "height": ("image_height", "image_Height", "height"),
+}
+_SIZE = ("width", "height")
+_LAYOUT = replace(PLAIN, size=_SIZE)
 #: Most levels of brackets or tags; OpenCV crashes on thousands, and a calibration has four.
 _DEEPEST = 32
 _MOST_ITEMS = 64
@@ -74,124 +66,80 @@ def check_nesting(text: str, suffix: str) -> None:
         raise InputError(f"nested more than {_DEEPEST} levels deep; expected a calibration")
 
 
-class Storage:
-    """An open FileStorage file whose values are looked up under alternative names."""
-
-    def __init__(self, path: Path) -> None:
-        text = read_text(path)
+def read_storage(path: Path) -> dict[str, Any]:
+    """Return what a file holds as tables, lists, numbers, texts, and arrays for matrices. Raises
+    InputError for any but FileStorage's files."""
+    text = read_text(path)
+    with name_file_in_errors(path):
         check_nesting(text, path.suffix.lower())
         try:
             # From memory: OpenCV crashes on a file name that is not UTF-8.
-            self._storage = cv2.FileStorage(text, cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY)
-            opened = self._storage.isOpened() and self._storage.root().isMap()
-            self.keys: list[str] = list(self._storage.root().keys()) if opened else []
+            storage = cv2.FileStorage(text, cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY)
+            root = storage.root()
+            opened = storage.isOpened() and root.isMap()
+            keys = root.keys() if opened else []
         except (cv2.error, SystemError, ValueError):
             raise InputError("malformed; expected an OpenCV FileStorage file") from None
         if not opened:
             raise InputError("cannot be opened; expected an OpenCV FileStorage file")
-
-    def _node(self, names: Sequence[str]) -> Any:
-        return next((self._storage.getNode(name) for name in names if name in self.keys), None)
-
-    def matrix(self, names: Sequence[str]) -> np.ndarray:
-        """Return the matrix under the first of `names` that exists, float64. Raises InputError if
-        none does."""
-        node = self._node(names)
-        if node is None:
-            raise InputError(
-                f"no {names[0]} among {join_names(self.keys)}; expected one of {names}"
-            )
-        what = f"the value of {names[0]}"
-        if not node.isMap():
-            return _read_numbers(node, what)
-        # Not by `node.mat()`, which allocates what a damaged file claims, and then crashes.
-        rows, columns = (_read_numbers(node.getNode(key), what) for key in ("rows", "cols"))
-        values = _read_numbers(node.getNode("data"), what)
-        if rows.size != 1 or columns.size != 1 or rows[0] * columns[0] != values.size:
-            raise InputError(
-                f"{what} has {values.size} numbers in {join_names(map(str, rows))} rows of "
-                f"{join_names(map(str, columns))}; expected a matrix"
-            )
-        return values.reshape(int(rows[0]), int(columns[0]))
-
-    def read_all(self) -> dict[str, Any]:
-        """Return everything in the file as tables, lists, numbers and texts; matrices as arrays."""
-        root = self._storage.root()
-        return {key: _read_node(root.getNode(key)) for key in self.keys}
-
-    def strings(self, name: str) -> list[str]:
-        node = self._node([name])
-        items = [] if node is None else [node.at(i) for i in range(node.size())]
-        if len(items) > MOST_CAMERAS or not all(item.isString() for item in items):
-            raise InputError(f"{name} is not a list of at most {MOST_CAMERAS} texts")
-        return [item.string() for item in items]
-
-    def number(self, names: Sequence[str]) -> float | None:
-        node = self._node(names)
-        if node is None:
-            return None
-        if not (node.isReal() or node.isInt()):
-            raise InputError(f"{names[0]} is not a number; expected pixels")
-        return float(parse_array(node.real(), 1, names[0])[0])
+        return {key: _read_node(root.getNode(key)) for key in keys}
 
 
 def _read_node(node: Any) -> Any:
     if node.isMap():
         keys = node.keys()
         if {"dt", "data"} <= set(keys):
-            return _read_numbers(node.getNode("data"), "a matrix")
+            # Not by `node.mat()`, which allocates what a damaged file claims, and then crashes.
+            return _read_numbers(node.getNode("data"))
         return {key: _read_node(node.getNode(key)) for key in keys}
     if node.isSeq():
-        return [_read_node(node.at(i)) for i in range(min(node.size(), _MOST_ITEMS))]
+        return [_read_node(node.at(i)) for i in range(min(node.size(), MOST_CAMERAS))]
     return node.string() if node.isString() else int(node.real()) if node.isInt() else node.real()
 
 
-def _read_numbers(node: Any, what: str) -> np.ndarray:
-    """Return the numbers (N,) of a node, float64. Raises InputError."""
-    if node.isSeq():
-        items = [node.at(i) for i in range(min(node.size(), _MOST_ITEMS + 1))]
-    else:
-        items = [node]
+def _read_numbers(node: Any) -> np.ndarray:
+    """Return the numbers (N,) of a matrix, float64. Raises InputError."""
+    items = [node.at(i) for i in range(min(node.size(), _MOST_ITEMS + 1))]
     if len(items) > _MOST_ITEMS or not all(item.isReal() or item.isInt() for item in items):
         raise InputError(
-            f"{what} is not a list of numbers, up to {_MOST_ITEMS} of them; expected a matrix"
+            f"the data of a matrix is not a list of numbers; expected up to {_MOST_ITEMS} of them"
         )
-    return parse_array([item.real() for item in items], None, what)
+    return np.array([item.real() for item in items], float)
+
+
+def _choose_values(
+    content: Mapping[str, Any], names: Mapping[str, Sequence[str]]
+) -> dict[str, Any]:
+    """Return the first value by each part's `names` that there is; sizes may be absent. Raises
+    InputError."""
+    record = {}
+    for part, choices in names.items():
+        name = next((name for name in choices if name in content), None)
+        if name is not None:
+            record[part] = content[name]
+        elif part not in _SIZE:
+            raise InputError(
+                f"no {choices[0]} among {join_names(content)}; expected one of "
+                f"{join_names(choices)}"
+            )
+    return record
 
 
 def read_filestorage(
-    paths: Sequence[Path],
-    unit: Unit | None,
-    sizes: Sizes,
-    names: Sequence[str] | None = None,
+    paths: Sequence[Path], unit: Unit | None, sizes: Sizes, names: Sequence[str] | None = None
 ) -> Calibration:
     """Read one camera per path, named after its file or by `names`.
 
     The format states no unit: metres unless `unit` says otherwise. Sizes come from image_width and
     image_height where present, else from `sizes`.
     """
-    names = list(names or [path.stem for path in paths])
-    cameras = []
-    for index, (name, path) in enumerate(zip(names, paths, strict=True)):
+    records = []
+    for name, path in zip(names or [path.stem for path in paths], paths, strict=True):
+        content = read_storage(path)
         with name_file_in_errors(path):
-            storage = Storage(path)
-            width, height = storage.number(_WIDTH), storage.number(_HEIGHT)
-            size = (
-                check_whole_size(width, height, "the picture's size") if width and height else None
-            )
-            cameras.append(_camera(storage, name, size or find_sizes(names, sizes)[index]))
-    return convert_to_metres(CameraRig(tuple(cameras)), unit, default="m")
-
-
-def _camera(storage: Storage, name: str, size: Size) -> Camera:
-    return Camera(
-        name=name,
-        K=parse_array(storage.matrix(_K), 9, f"camera {name}: camera matrix"),
-        distortion=storage.matrix(_DISTORTION),
-        R=parse_rotation(storage.matrix(_ROTATION), f"camera {name}: rotation"),
-        t=parse_array(storage.matrix(_TRANSLATION), 3, f"camera {name}: translation"),
-        size=size,
-    )
+            records.append((name, _choose_values(content, _NAMES)))
+    with name_file_in_errors(paths[0] if len(paths) == 1 else paths[0].parent):
+        return build(_LAYOUT, records, unit, sizes)
 
 
 def read_easymocap(folder: Path, unit: Unit | None, sizes: Sizes) -> Calibration:
@@ -199,24 +147,21 @@ def read_easymocap(folder: Path, unit: Unit | None, sizes: Sizes) -> Calibration
 
     Metres unless `unit` says otherwise.
     """
+    content = read_storage(folder / "extri.yml") | read_storage(folder / "intri.yml")
+    names = content.get("names")
     with name_file_in_errors(folder / "intri.yml"):
-        intrinsic = Storage(folder / "intri.yml")
-        names = intrinsic.strings("names")
-        if not names:
+        if not names or not all(isinstance(name, str) for name in names):
             raise InputError("no list `names`; expected EasyMocap's camera names")
-    with name_file_in_errors(folder / "extri.yml"):
-        extrinsic = Storage(folder / "extri.yml")
-    names.sort(key=natural_key)
-    cameras = []
-    for index, name in enumerate(names):
-        with name_file_in_errors(folder / "intri.yml"):
-            K = parse_array(intrinsic.matrix([f"K_{name}"]), 9, f"camera {name}: K")
-            distortion = intrinsic.matrix([f"dist_{name}", f"D_{name}"])
-            width, height = intrinsic.number([f"W_{name}"]), intrinsic.number([f"H_{name}"])
-            size = check_whole_size(width, height, f"camera {name}") if width and height else None
-            size = size or find_sizes(names, sizes)[index]
-        with name_file_in_errors(folder / "extri.yml"):
-            R = parse_rotation(extrinsic.matrix([f"Rot_{name}", f"R_{name}"]), f"camera {name}")
-            t = parse_array(extrinsic.matrix([f"T_{name}"]), 3, f"camera {name}: T")
-            cameras.append(Camera(name, K, distortion, R, t, size))
-    return convert_to_metres(CameraRig(tuple(cameras)), unit, default="m")
+    with name_file_in_errors(folder):
+        records = []
+        for name in sorted(names, key=natural_key):
+            keys = {
+                "K": [f"K_{name}"],
+                "distortion": [f"dist_{name}", f"D_{name}"],
+                "R": [f"Rot_{name}", f"R_{name}"],
+                "t": [f"T_{name}"],
+                "width": [f"W_{name}"],
+                "height": [f"H_{name}"],
+            }
+            records.append((name, _choose_values(content, keys)))
+        return build(_LAYOUT, records, unit, sizes)

@@ -10,69 +10,27 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
 from cl import InputError
 from psfs.cameras.calibration.common import (
     Calibration,
-    Size,
+    Layout,
+    Record,
     Sizes,
-    check_whole_size,
-    convert_to_metres,
-    find_sizes,
+    build,
     name_file_in_errors,
-    parse_array,
     parse_numbers,
-    parse_rotation,
     read_text,
 )
-from psfs.cameras.calibration.filestorage import Storage
+from psfs.cameras.calibration.filestorage import read_storage
 from psfs.cameras.calibration.matlab import read_variables
-from psfs.cameras.camera import MOST_CAMERAS, Camera, CameraRig
-from psfs.cameras.names import join_names, natural_key
+from psfs.cameras.names import join_names
 from psfs.cameras.units import Unit
 from psfs.common.files import read_json
-
-#: What a file says of one camera, by key.
-Record = Mapping[str, Any]
-
-
-@dataclass(frozen=True)
-class Layout:
-    """Where a program's records have what.
-
-    K: fx fy cx cy, or a matrix. distortion: keys whose numbers follow each other: k1 k2 p1 p2 k3.
-    R and t, or pose, a matrix of 3x4 or 4x4. size: one key with width and height, or two. unit: of
-    lengths. by_columns: whether matrices are stored by columns. pose_of: what the pose maps: the
-    world to the camera, back, or the camera before to this one. lens: a key with the values that
-    say OpenCV's lens and its fisheye lens; other values are refused. file: what of a file's name
-    is the camera's.
-    """
-
-    program: str
-    K: str
-    distortion: tuple[str, ...]
-    R: str = ""
-    t: str = ""
-    pose: str = ""
-    size: tuple[str, ...] = ()
-    unit: Unit = "m"
-    by_columns: bool = False
-    pose_of: Literal["world", "camera", "neighbour"] = "world"
-    lens: tuple[str, tuple[object, ...], tuple[object, ...]] = ("", (), ())
-    file: str = r"(.+)\.\w+"
-
-    def fits(self, records: Sequence[Record]) -> bool:
-        """Return whether all records have the keys of this layout."""
-        keys = [self.K, *self.distortion, self.R, self.t, self.pose, *self.size]
-        needed = {key for key in keys if key}
-        first = {self.pose} if self.pose_of == "neighbour" else set()
-        return all(needed - (set() if k else first) <= of.keys() for k, of in enumerate(records))
-
 
 LAYOUTS = (
     Layout("CMU Panoptic", "K", ("distCoef",), "R", "t", size=("resolution",), unit="cm"),
@@ -111,8 +69,6 @@ LAYOUTS = (
 )  # fmt: skip
 
 
-#: Of records that readers of plain numbers make, in the order of the file.
-PLAIN = Layout("", "K", ("distortion",), "R", "t")
 #: Most keys that an error shows.
 _SHOWN = 12
 
@@ -144,81 +100,12 @@ def read_layout(paths: Sequence[Path], unit: Unit | None, sizes: Sizes) -> Calib
     if len(paths) == 1 and list(records) == [""]:
         records = {_name_camera(paths[0], layouts): records[""]}
     with name_file_in_errors(paths[0] if len(paths) == 1 else paths[0].parent):
-        return build(layouts[0], records, unit, sizes)
+        return build(layouts[0], records.items(), unit, sizes)
 
 
 def _name_camera(path: Path, layouts: Sequence[Layout]) -> str:
     match = re.fullmatch(layouts[0].file, path.name, re.IGNORECASE) if layouts else None
     return match[1] if match else path.stem
-
-
-def build(
-    layout: Layout, records: Mapping[str, Record], unit: Unit | None, sizes: Sizes
-) -> Calibration:
-    """Return the rig of cameras' records by name. Raises InputError naming camera and key."""
-    if len(records) > MOST_CAMERAS:
-        raise InputError(f"{len(records)} cameras; expected at most {MOST_CAMERAS}")
-    measured = {} if layout.size else dict(zip(records, find_sizes([*records], sizes), strict=True))
-    cameras, before = [], np.eye(4)
-    for name, record in records.items():
-        pose = _read_pose(layout, record, f"camera {name}")
-        if layout.pose_of == "neighbour":
-            pose = before = pose @ before
-        size = measured[name] if name in measured else _read_size(layout, record, name)
-        cameras.append(_make_camera(layout, name, record, pose, size))
-    if layout.program:
-        cameras.sort(key=lambda camera: natural_key(camera.name))
-    return convert_to_metres(CameraRig(tuple(cameras)), unit, layout.unit)
-
-
-def _make_camera(layout: Layout, name: str, record: Record, pose: np.ndarray, size: Size) -> Camera:
-    K = parse_array(record[layout.K], None, f"camera {name}: {layout.K}")
-    if K.size == 4:
-        K = np.array([K[0], 0, K[2], 0, K[1], K[3], 0, 0, 1])
-    side = 4 if K.size == 16 else 3
-    if K.size != side**2:
-        raise InputError(f"camera {name}: {layout.K} has {K.size} numbers; expected 4, 9 or 16")
-    K = K.reshape(side, side)[:3, :3]
-    K = K.T if layout.by_columns else K
-    parts = [parse_array(record[key], None, f"camera {name}: {key}") for key in layout.distortion]
-    distortion = np.concatenate(parts)
-    key, plain, fisheye = layout.lens
-    if key and record.get(key) not in (*plain, *fisheye):
-        lenses = join_names(str(lens) for lens in (*plain, *fisheye))
-        raise InputError(f"camera {name}: the lens is {record.get(key)}; expected {lenses}")
-    R = parse_rotation(pose[:3, :3], f"camera {name}: rotation")
-    bent = bool(key) and record.get(key) in fisheye
-    kappa = float(record.get("kappa", 0.0)) if layout is PLAIN else 0.0
-    return Camera(
-        name, K, distortion[: 4 if bent else None], R, pose[:3, 3], size, kappa=kappa, fisheye=bent
-    )
-
-
-def _read_pose(layout: Layout, record: Record, what: str) -> np.ndarray:
-    """Return the transform (4, 4) from the world, or the neighbour, to the camera."""
-    whole = np.eye(4)
-    if layout.R:
-        R = parse_array(record[layout.R], None, f"{what}: {layout.R}")
-        R = parse_rotation(R, f"{what}: {layout.R}") if R.size != 9 else R.reshape(3, 3)
-        whole[:3, :3] = R.T if layout.by_columns else R
-        whole[:3, 3] = parse_array(record[layout.t], 3, f"{what}: {layout.t}")
-    elif layout.pose in record:
-        rows = parse_array(record[layout.pose], None, f"{what}: {layout.pose}")
-        if rows.size not in (12, 16):
-            raise InputError(f"{what}: {layout.pose} has {rows.size} numbers; expected 12 or 16")
-        whole[:3] = rows[:12].reshape(3, 4)
-    if layout.pose_of == "camera":
-        whole[:3, :3] = whole[:3, :3].T
-        whole[:3, 3] = -whole[:3, :3] @ whole[:3, 3]
-    return whole
-
-
-def _read_size(layout: Layout, record: Record, name: str) -> Size:
-    what = f"camera {name}: {join_names(layout.size)}"
-    values = np.concatenate([parse_array(record[key], None, what) for key in layout.size])
-    if len(values) != 2:
-        raise InputError(f"{what} has {len(values)} numbers; expected width and height")
-    return check_whole_size(float(values[0]), float(values[1]), what)
 
 
 def _find_records(content: Any) -> dict[str, Record]:
@@ -267,7 +154,7 @@ def _parse(path: Path) -> Any:
         if suffix in (".yml", ".yaml") and not text.startswith("%YAML"):
             return _parse_plain_yaml(text)
         if suffix in (".xml", ".yml", ".yaml"):
-            return Storage(path).read_all()
+            return read_storage(path)
         if text.startswith("Skeletool"):
             return _parse_skeletool(text)
         return _parse_numbers(text, suffix)

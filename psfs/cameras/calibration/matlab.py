@@ -6,21 +6,21 @@ They hold 3x4 projection matrices as a cell array, struct array or stack, or K, 
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import scipy
 
 from cl import InputError, UserError
 from psfs.cameras.calibration.common import (
+    PLAIN,
     Calibration,
-    Size,
     Sizes,
-    build_rig,
+    build,
     name_file_in_errors,
-    parse_rotation,
 )
 from psfs.cameras.calibration.projections import decompose_projection, mirror_if_facing_away
-from psfs.cameras.camera import MOST_CAMERAS, Camera
+from psfs.cameras.camera import MOST_CAMERAS
 from psfs.cameras.names import join_names
 from psfs.cameras.units import Unit
 from psfs.common.reading import open_input
@@ -47,17 +47,16 @@ def read_matlab(path: Path, unit: Unit | None, sizes: Sizes) -> Calibration:
         names = names or [f"cam{index:02d}" for index in range(1, len(whole) + 1)]
         if len(names) != len(whole):
             raise InputError(f"{len(names)} names for {len(whole)} cameras")
-        of_name = dict(zip(names, whole, strict=True))
-        rig = build_rig(names, sizes, lambda n, size: _camera(n, of_name[n], size), unit, "m")
+        records = [(name, _split(name, one)) for name, one in zip(names, whole, strict=True)]
+        rig = build(PLAIN, records, unit, sizes)
         return mirror_if_facing_away(rig) if whole.shape[2] == 4 else rig
 
 
-def _camera(name: str, values: np.ndarray, size: Size) -> Camera:
+def _split(name: str, values: np.ndarray) -> dict[str, Any]:
     if values.shape[1] == 4:
-        return decompose_projection(name, values, size)
-    K = values[:, :3]
-    R = parse_rotation(values[:, 3:6], f"camera {name}: R")
-    return Camera(name, K / K[2, 2], np.zeros(5), R, values[:, 6], size)
+        return decompose_projection(f"camera {name}", values)
+    K = values[:, :3] / values[2, 2]
+    return {"K": K, "distortion": [], "R": values[:, 3:6], "t": values[:, 6]}
 
 
 def read_variables(path: Path) -> dict[str, object]:

@@ -26,15 +26,16 @@ import numpy as np
 
 from cl import InputError
 from psfs.cameras.calibration.common import (
+    PLAIN,
     Calibration,
+    Layout,
     Sizes,
-    check_whole_size,
+    build,
     name_file_in_errors,
     parse_numbers,
     read_text,
 )
-from psfs.cameras.calibration.layouts import PLAIN, Layout, build
-from psfs.cameras.calibration.projections import mirror_if_facing_away, split_projection
+from psfs.cameras.calibration.projections import decompose_projection, mirror_if_facing_away
 from psfs.cameras.camera import MOST_CAMERAS
 from psfs.cameras.units import Unit
 
@@ -50,13 +51,11 @@ def read_files(
     unit: Unit | None, sizes: Sizes,
 ) -> Calibration:  # fmt: skip
     """Read one camera per path, named after the file."""
-    records = {}
+    records = []
     for path in paths:
         with name_file_in_errors(path):
-            records[path.stem] = parse(path)
+            records.append((path.stem, parse(path)))
     with name_file_in_errors(paths[0] if len(paths) == 1 else paths[0].parent):
-        if len(records) < len(paths):
-            raise InputError("camera names must differ; found the same name twice")
         return build(layout, records, unit, sizes)
 
 
@@ -91,8 +90,7 @@ def _split_numbers(values: np.ndarray) -> dict[str, Any]:
     """Return what 12, 21, 25 or more numbers are. Raises InputError for other counts."""
     count = values.size
     if count == 12:
-        K, R, t = split_projection(values.reshape(3, 4))
-        return {"K": K, "distortion": [], "R": R, "t": t}
+        return decompose_projection("camera", values.reshape(3, 4))
     if count not in (21, 25) and not 23 <= count <= 21 + 14:
         raise InputError(f"{count} numbers; {_WANTED}")
     K, rest = values[:9].reshape(3, 3), values[9:]
@@ -135,13 +133,13 @@ def read_middlebury(path: Path, unit: Unit | None, sizes: Sizes) -> Calibration:
         promised = " ".join(lines.pop(0)) if lines else "nothing"
         if promised != str(len(lines)):
             raise InputError(f"{len(lines)} views; the first line promises {promised}")
-        records = {}
+        records = []
         for name, *words in lines:
             view = Path(name).stem
             if len(words) != _MIDDLEBURY:
                 raise InputError(f"view {view}: {len(words)} numbers; expected {_MIDDLEBURY}")
             K, R, t = np.split(parse_numbers(words, f"view {view}"), [9, 18])
-            records[view] = {"K": K / K[8], "distortion": [], "R": R, "t": t}
+            records.append((view, {"K": K / K[8], "distortion": [], "R": R, "t": t}))
         return build(PLAIN, records, unit, sizes)
 
 
@@ -169,11 +167,9 @@ def read_surrey(path: Path, unit: Unit | None) -> Calibration:
                 f"cameras with {order} coefficients"
             )
         rows = values[2:].reshape(int(values[0]), 20 + order)
-        records = {
-            f"cam{index:02d}": _split_surrey(f"cam{index:02d}", row)
-            for index, row in enumerate(rows, 1)
-        }
-        return build(replace(PLAIN, size=("size",)), records, unit, None)
+        names = [f"cam{index:02d}" for index in range(1, len(rows) + 1)]
+        records = [(name, _split_surrey(name, row)) for name, row in zip(names, rows, strict=True)]
+        return build(PLAIN, records, unit, None)
 
 
 def _split_surrey(name: str, row: np.ndarray) -> dict[str, Any]:
@@ -185,6 +181,6 @@ def _split_surrey(name: str, row: np.ndarray) -> dict[str, Any]:
     if radial[3:].any():
         raise InputError(f"{name}: {len(radial)} radial coefficients; expected at most 3")
     k1, k2, k3 = np.append(radial, np.zeros(3))[:3]
-    size = check_whole_size(last_column + 1, last_row + 1, f"{name}: the picture")
+    size = last_column + 1, last_row + 1
     K = [fx, 0, cx, 0, fy, cy, 0, 0, 1]
     return {"K": K, "distortion": [k1, k2, 0, 0, k3], "R": R, "t": t, "size": size}

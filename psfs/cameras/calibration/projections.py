@@ -10,6 +10,7 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import scipy
@@ -18,15 +19,14 @@ from cl import InputError
 from psfs.cameras.calibration.common import (
     LEFT_HANDED,
     MIRROR,
+    PLAIN,
     Calibration,
-    Size,
     Sizes,
-    build_rig,
+    build,
     name_file_in_errors,
     parse_numbers,
     read_text,
 )
-from psfs.cameras.camera import Camera
 from psfs.cameras.rig_geometry import intersect_axes
 from psfs.cameras.units import Unit
 
@@ -38,10 +38,10 @@ def read_projections(path: Path, unit: Unit | None, sizes: Sizes) -> Calibration
     """
     with name_file_in_errors(path):
         matrices, notes = _parse_matrices(read_text(path))
-        names = list(matrices)
-        rig = build_rig(
-            names, sizes, lambda n, size: decompose_projection(n, matrices[n], size), unit, "m"
-        )
+        records = [
+            (name, decompose_projection(f"camera {name}", P)) for name, P in matrices.items()
+        ]
+        rig = build(PLAIN, records, unit, sizes)
         return mirror_if_facing_away(replace(rig, notes=(*rig.notes, *notes)))
 
 
@@ -99,29 +99,20 @@ def _is_possible_camera(P: np.ndarray) -> bool:
     return bool(0.3 * fy < fx < 3 * fy and abs(K[0, 1]) < 0.1 * fx)
 
 
-def decompose_projection(name: str, P: np.ndarray, size: Size) -> Camera:
-    """Return the camera with the projection matrix P (3, 4). Raises InputError naming it."""
-    try:
-        K, R, t = split_projection(P)
-    except InputError as error:
-        raise InputError(f"camera {name}: {error}") from None
-    return Camera(name, K, np.zeros(5), R, t, size)
-
-
-def split_projection(P: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return K, R, t of P ~ K [R t], known up to scale, by RQ decomposition of P[:, :3].
+def decompose_projection(what: str, P: np.ndarray) -> dict[str, Any]:
+    """Return K, R and t of P (3, 4) ~ K [R t], known up to scale, by RQ decomposition of P[:, :3],
+    as a record without distortion. Raises InputError naming `what`.
 
     P and -P are the same projection, so the signs are chosen such that K has a positive diagonal
     and det R = +1.
     """
     if not np.isfinite(P).all():
-        raise InputError("the matrix holds a number that is not finite")
+        raise InputError(f"{what}: the matrix holds a number that is not finite")
     determinant = np.linalg.det(P[:, :3])
     if abs(determinant) < 1e-12 * np.linalg.norm(P[:, :3]) ** 3:
-        raise InputError("the matrix is singular; expected a finite camera")
+        raise InputError(f"{what}: the matrix is singular; expected a finite camera")
     P = P * np.sign(determinant)
     K, R = scipy.linalg.rq(P[:, :3])
     signs = np.sign(np.diag(K))
     K, R = K * signs, signs[:, None] * R
-    t = np.linalg.solve(K, P[:, 3])
-    return K / K[2, 2], R, t
+    return {"K": K / K[2, 2], "R": R, "t": np.linalg.solve(K, P[:, 3]), "distortion": []}

@@ -8,43 +8,21 @@ camera_array.toml has tables [cameras.0], rotations as matrices, `ignore`, and v
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
 
 import cv2
-import numpy as np
-from pydantic import Field
 
 from cl import InputError
-from psfs.cameras.calibration.common import (
-    Calibration,
-    Size,
-    Sizes,
-    check_whole_size,
-    convert_to_metres,
-    find_sizes,
-    name_file_in_errors,
-    parse_rotation,
-)
-from psfs.cameras.camera import Camera, CameraRig
+from psfs.cameras.calibration.common import Calibration, Layout, Sizes, build, name_file_in_errors
+from psfs.cameras.camera import CameraRig
 from psfs.cameras.names import natural_key
 from psfs.cameras.units import Unit
-from psfs.common.schema import Name, Number, Table, Vector, flat, parse_values
 from psfs.common.toml import read_toml, write_toml
 
 _NOT_CAMERAS = {"metadata", "capture_volume", "charuco", "checkerboard"}
-
-
-class CameraTable(Table):
-    """The keys of one camera."""
-
-    matrix: Annotated[list[float], flat(9)]
-    distortions: Annotated[list[Number], Field(max_length=14)]
-    rotation: Annotated[list[float], flat(3, 9)]
-    translation: Vector
-    size: Annotated[list[Number], Field(min_length=2, max_length=2)] | None = None
-    name: Name | None = None
-    fisheye: bool = False
-    tsai_kappa: float = 0.0
+_LAYOUT = Layout(
+    "Pose2Sim", "matrix", ("distortions",), "rotation", "translation", size=("size",),
+    lens=("fisheye", (None, False), (True,)), kappa="tsai_kappa",
+)  # fmt: skip
 
 
 def read_toml_tables(path: Path, unit: Unit | None, sizes: Sizes) -> Calibration:
@@ -64,16 +42,9 @@ def read_toml_tables(path: Path, unit: Unit | None, sizes: Sizes) -> Calibration
             raise InputError("no camera tables; expected [name] with matrix, rotation, ...")
         if unit is None and any("world_position" in table for table in found.values()):
             raise InputError("a FreeMoCap file does not say its unit; state it (usually unit mm)")
-        tables = {key: parse_values(CameraTable, found[key], f"camera {key}") for key in found}
-        by_name = {table.name or key: table for key, table in tables.items()}
-        if len(by_name) < len(tables):
-            raise InputError(f"camera names must differ; found {len(by_name)} in {len(tables)}")
-        names = sorted(by_name, key=natural_key)
-        measured: dict[str, Size] = {}
-        if any(table.size is None for table in tables.values()):
-            measured = dict(zip(names, find_sizes(names, sizes), strict=True))
-        cameras = [_camera(name, by_name[name], measured.get(name)) for name in names]
-        return convert_to_metres(CameraRig(tuple(cameras)), unit, default="m")
+        records = [(str(table.get("name") or key), table) for key, table in found.items()]
+        records.sort(key=lambda entry: natural_key(entry[0]))
+        return build(_LAYOUT, records, unit, sizes)
 
 
 def _name_caliscope_cameras(content: dict[str, object]) -> dict[str, object]:
@@ -106,21 +77,3 @@ def write_toml_tables(path: Path, rig: CameraRig) -> None:
         }
     tables["metadata"] = {"adjusted": False, "error": 0.0}
     write_toml(path, tables)
-
-
-def _camera(name: str, table: CameraTable, measured: Size | None) -> Camera:
-    size = measured
-    if table.size is not None:
-        width, height = table.size
-        size = check_whole_size(width, height, f"camera {name}: size")
-    assert size is not None  # `measured` has it if any table lacks it
-    return Camera(
-        name=name,
-        K=np.array(table.matrix).reshape(3, 3),
-        distortion=np.array(table.distortions),
-        R=parse_rotation(table.rotation, f"camera {name}: rotation"),
-        t=np.array(table.translation),
-        size=size,
-        kappa=table.tsai_kappa,
-        fisheye=table.fisheye,
-    )

@@ -12,22 +12,19 @@ import math
 from pathlib import Path
 from typing import Annotated, Any
 
-import numpy as np
 from pydantic import Field
 
 from cl import InputError
 from psfs.cameras.calibration.colmap import name_cameras
 from psfs.cameras.calibration.common import (
-    TO_OPENCV,
+    OPENGL_POSES,
     Calibration,
-    Size,
     Sizes,
-    build_rig,
-    check_whole_size,
+    build,
+    find_sizes,
     name_file_in_errors,
-    parse_rotation,
 )
-from psfs.cameras.camera import MOST_CAMERAS, Camera
+from psfs.cameras.camera import MOST_CAMERAS
 from psfs.cameras.names import join_names, natural_key
 from psfs.cameras.units import Unit
 from psfs.common.files import read_json
@@ -40,9 +37,11 @@ _FISHEYE = "OPENCV_FISHEYE"
 _OTHER_LENSES = ("ftheta_p0", "latlong", "equirectangular", "orthographic")
 
 
-class Lens(Table):
-    """Lens parameters, given for all cameras or for a single frame."""
+class View(Table):
+    """A picture with its pose and its lens, whose keys may stand for the whole file."""
 
+    file_path: str
+    transform_matrix: Annotated[list[float], flat(12, 16)]
     camera_angle_x: Annotated[float, Field(gt=0, lt=math.pi)] | None = None
     camera_angle_y: Annotated[float, Field(gt=0, lt=math.pi)] | None = None
     fl_x: Positive | None = None
@@ -54,28 +53,21 @@ class Lens(Table):
     k1: Number = 0.0
     k2: Number = 0.0
     k3: Number = 0.0
+    k4: Number = 0.0
     p1: Number = 0.0
     p2: Number = 0.0
-    camera_model: str | None = None
+    camera_model: str = ""
     is_fisheye: Number | bool = False
     ftheta_p0: Number = 0.0
     latlong: Number | bool = False
     equirectangular: Number | bool = False
     orthographic: Number | bool = False
-    k4: Number = 0.0
 
 
-class FrameEntry(Lens):
-    """One entry of `frames`: a picture with its pose."""
+class Transforms(Table):
+    """The whole file; further keys are the lens of all frames."""
 
-    file_path: str
-    transform_matrix: Annotated[list[float], flat(12, 16)]
-
-
-class Transforms(Lens):
-    """The whole file."""
-
-    frames: Annotated[list[FrameEntry], Field(min_length=1, max_length=MOST_CAMERAS)]
+    frames: Annotated[list[dict[str, Any]], Field(min_length=1, max_length=MOST_CAMERAS)]
 
 
 def read_transforms(path: Path, unit: Unit | None, sizes: Sizes) -> Calibration:
@@ -83,40 +75,31 @@ def read_transforms(path: Path, unit: Unit | None, sizes: Sizes) -> Calibration:
 
     Metres unless `unit` says otherwise. `sizes` are used where the file has none.
     """
-    file = parse_values(Transforms, read_json(path, "NeRF's transforms.json"), path)
+    content = read_json(path, "NeRF's transforms.json")
+    frames = parse_values(Transforms, content, path).frames
+    views = []
+    for number, frame in enumerate(frames):
+        tables = content, frame
+        stated = {key: v for table in tables for key, v in table.items() if v is not None}
+        views.append(parse_values(View, stated, f"{path}: frames.{number}"))
     with name_file_in_errors(path):
-        views = dict(
-            zip(name_cameras([v.file_path for v in file.frames]), file.frames, strict=True)
-        )
-        names = sorted(views, key=natural_key)
-        if len(names) < len(file.frames):
-            raise InputError("two frames have pictures of one name; expected a camera each")
-        stated = [
-            _lens_value(file, views[name], "w") and _lens_value(file, views[name], "h")
-            for name in names
-        ]
-        if all(stated):
-            sizes = {name: _size(file, views[name], name) for name in names}
-        return build_rig(names, sizes, lambda n, size: _camera(n, file, views[n], size), unit, "m")
+        named = list(zip(name_cameras([view.file_path for view in views]), views, strict=True))
+        named.sort(key=lambda entry: natural_key(entry[0]))
+        found = [(view.w, view.h) for _, view in named if view.w and view.h]
+        if len(found) < len(named):
+            found = [*find_sizes([name for name, _ in named], sizes)]
+        pairs = zip(named, found, strict=True)
+        records = [(name, _make_record(name, view, size)) for (name, view), size in pairs]
+        return build(OPENGL_POSES, records, unit, None)
 
 
-def _stated(file: Transforms, view: FrameEntry, key: str) -> Any:
-    own = getattr(view, key) if key in view.model_fields_set else None
-    return own if own is not None else getattr(file, key)
-
-
-def _lens_value(file: Transforms, view: FrameEntry, key: str) -> float | None:
-    value = _stated(file, view, key)
-    return None if value is None else float(value)
-
-
-def _is_fisheye(name: str, file: Transforms, view: FrameEntry) -> bool:
+def _is_fisheye(name: str, view: View) -> bool:
     """Return whether the lens is OpenCV's fisheye lens. Raises InputError for any but that and a
     pinhole lens with OpenCV's distortion."""
-    model = (_stated(file, view, "camera_model") or "").upper()
-    fisheye = model == _FISHEYE or bool(not model and _stated(file, view, "is_fisheye"))
-    other = [key for key in _OTHER_LENSES if _stated(file, view, key)]
-    other += ["k4"] if not fisheye and _stated(file, view, "k4") else []
+    model = view.camera_model.upper()
+    fisheye = model == _FISHEYE or bool(not model and view.is_fisheye)
+    other = [key for key in _OTHER_LENSES if getattr(view, key)]
+    other += ["k4"] if not fisheye and view.k4 else []
     if model and model not in (*_PINHOLE, _FISHEYE):
         other.insert(0, f"camera_model {model}")
     if other:
@@ -127,31 +110,23 @@ def _is_fisheye(name: str, file: Transforms, view: FrameEntry) -> bool:
     return fisheye
 
 
-def _size(file: Transforms, view: FrameEntry, name: str) -> Size:
-    return check_whole_size(
-        _lens_value(file, view, "w") or 0, _lens_value(file, view, "h") or 0, f"camera {name}"
-    )
-
-
-def _camera(name: str, file: Transforms, view: FrameEntry, size: Size) -> Camera:
-    def value(key: str) -> float | None:
-        return _lens_value(file, view, key)
-
-    fisheye = _is_fisheye(name, file, view)
-    width, height = size
-    angle, angle_y = value("camera_angle_x"), value("camera_angle_y")
-    fx = value("fl_x") or (0.5 * width / math.tan(angle / 2) if angle else None)
+def _make_record(name: str, view: View, size: tuple[float, float]) -> dict[str, Any]:
+    fisheye, (width, height) = _is_fisheye(name, view), size
+    angle, angle_y = view.camera_angle_x, view.camera_angle_y
+    fx = view.fl_x or (0.5 * width / math.tan(angle / 2) if angle else None)
     if fx is None:
         raise InputError(f"camera {name}: neither fl_x nor camera_angle_x; expected one of them")
-    fy = value("fl_y") or (0.5 * height / math.tan(angle_y / 2) if angle_y else fx)
-    cx, cy = value("cx"), value("cy")
+    fy = view.fl_y or (0.5 * height / math.tan(angle_y / 2) if angle_y else fx)
     # The middle of the picture is at w / 2 there, and at (w - 1) / 2 here.
-    cx, cy = (width / 2 if cx is None else cx) - 0.5, (height / 2 if cy is None else cy) - 0.5
-    to_world = np.array(view.transform_matrix[:12]).reshape(3, 4)
-    R = parse_rotation(TO_OPENCV @ to_world[:, :3].T, f"camera {name}: transform_matrix")
-    left_handed = np.linalg.det(to_world[:, :3]) < 0
-    centre = to_world[:, 3] * ([-1, 1, 1] if left_handed else [1, 1, 1])
+    cx, cy = (
+        (side / 2 if centre is None else centre) - 0.5
+        for side, centre in ((width, view.cx), (height, view.cy))
+    )
     keys = ("k1", "k2", "k3", "k4") if fisheye else ("k1", "k2", "p1", "p2", "k3")
-    distortion = np.array([value(key) for key in keys])
-    K = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
-    return Camera(name, K, distortion, R, -R @ centre, size, fisheye=fisheye)
+    return {
+        "K": [fx, fy, cx, cy],
+        "distortion": [getattr(view, key) for key in keys],
+        "pose": view.transform_matrix,
+        "size": size,
+        "fisheye": fisheye,
+    }

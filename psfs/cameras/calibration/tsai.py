@@ -23,12 +23,12 @@ import scipy
 
 from cl import InputError
 from psfs.cameras.calibration.common import (
+    PLAIN,
     Calibration,
     Sizes,
     parse_numbers,
     read_text,
 )
-from psfs.cameras.calibration.layouts import PLAIN
 from psfs.cameras.calibration.number_lists import read_files
 from psfs.cameras.units import Unit
 

@@ -24,39 +24,38 @@ without a key frame were not calibrated. Beside video cameras, those for markers
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
-import scipy
 
 from cl import InputError
 from psfs.cameras.calibration.common import (
-    TO_OPENCV,
+    OPENGL_POSES,
+    PLAIN,
     Calibration,
-    check_whole_size,
-    convert_to_metres,
+    Layout,
+    build,
     name_file_in_errors,
     parse_numbers,
-    parse_rotation,
-    read_attributes,
+    parse_quaternion,
     read_text,
 )
-from psfs.cameras.camera import Camera, CameraRig
-from psfs.cameras.names import natural_key
+from psfs.cameras.names import join_names
 from psfs.cameras.units import Unit
 from psfs.common.files import parse_xml
 from psfs.common.reading import open_input
 
-QUALISYS = ".qca.txt"
-#: Units of the sensor per pixel; the camera's axes are x right, y up, z backward.
+QUALISYS, OPTITRACK, VICON = ".qca.txt", ".mcal", ".xcp"
+#: Units of Qualisys' sensor per pixel.
 SUBPIXELS = 64
-_QUALISYS_TRANSFORM = ("r11", "r12", "r13", "r21", "r22", "r23", "r31", "r32", "r33", "x", "y", "z")
-_QUALISYS_INTRINSIC = (
-    *("focalLengthU", "focalLengthV", "centerPointU", "centerPointV"),
-    *("radialDistortion1", "radialDistortion2", "tangentalDistortion1", "tangentalDistortion2"),
-)
-_QUALISYS_FIELD = ("left", "top", "right", "bottom")
+_MATRIX = [f"r{row}{column}" for row in (1, 2, 3) for column in (1, 2, 3)]
+_LENS = ("HorizontalFocalLength", "VerticalFocalLength", "LensCenterX", "LensCenterY")
+#: Marks of UTF-16, which may be absent.
+_MARKS = (b"\xff\xfe", b"\xfe\xff")
 
 
 def looks_like_qualisys(text: str) -> bool:
@@ -69,51 +68,8 @@ def read_qualisys(path: Path, unit: Unit | None) -> Calibration:
 
     Raises InputError naming file, camera and attribute.
     """
-    text = read_text(path)
-    with name_file_in_errors(path):
-        found = parse_xml(text, "Qualisys' XML").findall("cameras/camera")
-        if not found:
-            raise InputError("no cameras; expected Qualisys' elements cameras/camera")
-        cameras = [_camera_qualisys(element, index) for index, element in enumerate(found, 1)]
-        return convert_to_metres(CameraRig(tuple(cameras)), unit, default="mm")
-
-
-def _camera_qualisys(element: ElementTree.Element, index: int) -> Camera:
-    name = element.get("serial") or f"cam{index:02d}"
-    if element.find("fov_video") is None and element.find("intrinsic") is not None:
-        raise InputError(
-            f"camera {name}: no fov_video; expected Qualisys' own file. That of Theia3D is not "
-            "read: see docs/formats.md"
-        )
-    if element.get("viewrotation", "0") != "0":
-        turned = element.get("viewrotation")
-        raise InputError(f"camera {name}: viewrotation is {turned}; expected 0")
-    rotation = read_attributes(element, "transform", _QUALISYS_TRANSFORM, name)
-    fu, fv, cu, cv, k1, k2, p1, p2 = read_attributes(
-        element, "intrinsic", _QUALISYS_INTRINSIC, name
-    )
-    left, top, right, bottom = read_attributes(element, "fov_video", _QUALISYS_FIELD, name)
-    turn = TO_OPENCV @ rotation[:9].reshape(3, 3)
-    K = np.array([[fu, 0, cu], [0, fv, cv], [0, 0, SUBPIXELS]]) / SUBPIXELS
-    K[:2, 2] -= left, top
-    return Camera(
-        name=name,
-        K=K,
-        distortion=np.array([k1, k2, p1, p2]),
-        R=parse_rotation(turn, f"camera {name}: transform"),
-        t=-turn @ rotation[9:],
-        size=check_whole_size(right - left + 1, bottom - top + 1, f"camera {name}: fov_video"),
-    )
-
-
-OPTITRACK = ".mcal"
-_OPTITRACK_POSITION = ("X", "Y", "Z")
-_OPTITRACK_ROTATION = tuple(f"OrientMatrix{number}" for number in range(9))
-_OPTITRACK_LENS = ("HorizontalFocalLength", "VerticalFocalLength", "LensCenterX", "LensCenterY")
-_OPTITRACK_DISTORTION = ("k1", "k2", "TangentialX", "TangentialY", "k3")
-#: Marks of UTF-16, which may be absent.
-_OPTITRACK_MARKS = (b"\xff\xfe", b"\xfe\xff")
-_OPTITRACK_SIZE = ("ImagerPixelWidth", "ImagerPixelHeight")
+    layout = replace(OPENGL_POSES, program="", unit="mm")
+    return _read_cameras(path, "cameras/camera", "serial", _parse_qualisys, layout, unit)
 
 
 def read_optitrack(path: Path, unit: Unit | None) -> Calibration:
@@ -122,51 +78,7 @@ def read_optitrack(path: Path, unit: Unit | None) -> Calibration:
 
     Raises InputError naming file, camera and attribute.
     """
-    text = read_text(path, _find_encoding_optitrack(path))
-    with name_file_in_errors(path):
-        found = list(parse_xml(text, "OptiTrack's XML").iter("Camera"))
-        if not found:
-            raise InputError("no elements Camera; expected OptiTrack Motive's calibration")
-        cameras = [_camera_optitrack(element, index) for index, element in enumerate(found, 1)]
-        colour = [camera for camera in cameras if camera.name.upper().startswith("C")]
-        chosen = sorted(colour or cameras, key=lambda camera: natural_key(camera.name))
-        return convert_to_metres(CameraRig(tuple(chosen)), unit, default="m")
-
-
-def _find_encoding_optitrack(path: Path) -> str:
-    with open_input(path, "a calibration") as file:
-        head = file.read(2)
-    if head in _OPTITRACK_MARKS:
-        return "UTF-16"
-    return "UTF-16-LE" if head == b"<\0" else "UTF-8"
-
-
-def _camera_optitrack(element: ElementTree.Element, index: int) -> Camera:
-    name = element.get("Serial") or f"cam{index:02d}"
-    if element.find("IntrinsicStandardCameraModel") is None:
-        raise InputError(
-            f"camera {name}: no IntrinsicStandardCameraModel; expected a calibration that Motive "
-            "3.2 or later has written"
-        )
-    width, height = read_attributes(element, "Attributes", _OPTITRACK_SIZE, name)
-    lens = read_attributes(
-        element, "IntrinsicStandardCameraModel", (*_OPTITRACK_LENS, *_OPTITRACK_DISTORTION), name
-    )
-    turn = (
-        TO_OPENCV @ read_attributes(element, "Extrinsic", _OPTITRACK_ROTATION, name).reshape(3, 3).T
-    )
-    fx, fy, cx, cy = lens[:4]
-    return Camera(
-        name=name,
-        K=np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]]),
-        distortion=lens[4:],
-        R=parse_rotation(turn, f"camera {name}: Extrinsic"),
-        t=-turn @ read_attributes(element, "Extrinsic", _OPTITRACK_POSITION, name),
-        size=check_whole_size(width, height, f"camera {name}: Attributes"),
-    )
-
-
-VICON = ".xcp"
+    return _read_cameras(path, ".//Camera", "Serial", _parse_optitrack, OPENGL_POSES, unit)
 
 
 def read_vicon(path: Path, unit: Unit | None) -> Calibration:
@@ -175,61 +87,117 @@ def read_vicon(path: Path, unit: Unit | None) -> Calibration:
 
     Raises InputError naming file, camera and attribute.
     """
-    text = read_text(path)
+    layout = replace(PLAIN, program="Vicon", unit="mm")
+    placed = "Camera/KeyFrames/KeyFrame/../.."
+    return _read_cameras(path, placed, "DEVICEID", _parse_vicon, layout, unit)
+
+
+def _read_cameras(
+    path: Path, tag: str, key: str, parse: Callable[[ElementTree.Element, str], dict[str, Any]],
+    layout: Layout, unit: Unit | None,
+) -> Calibration:  # fmt: skip
+    """Read the elements `tag`, named by their attribute `key`; if some film, those."""
+    text = read_text(path, _find_encoding(path))
     with name_file_in_errors(path):
-        found = parse_xml(text, "Vicon's XML").findall("Camera")
-        placed = [element for element in found if element.find("KeyFrames/KeyFrame") is not None]
-        if not placed:
-            raise InputError(
-                f"{len(found)} cameras, none with a KeyFrame; expected Vicon's calibrated cameras"
-            )
-        videos = [of for of in placed if "video" in of.get("TYPE", "").lower()]
-        cameras = [
-            _camera_vicon(element, index) for index, element in enumerate(videos or placed, 1)
+        found = parse_xml(text, f"XML with {tag}").findall(tag)
+        if not found:
+            raise InputError(f"no elements {tag}; expected calibrated cameras")
+        found = [of for of in found if _is_video(of)] or found
+        names = [of.get(key) or f"cam{index:02d}" for index, of in enumerate(found, 1)]
+        records = [
+            (name, parse(of, f"camera {name}")) for name, of in zip(names, found, strict=True)
         ]
-        cameras.sort(key=lambda camera: natural_key(camera.name))
-        return convert_to_metres(CameraRig(tuple(cameras)), unit, default="mm")
+        return build(layout, records, unit, None)
 
 
-def _camera_vicon(element: ElementTree.Element, index: int) -> Camera:
-    name = element.get("DEVICEID") or f"cam{index:02d}"
-    frame = element.findall("KeyFrames/KeyFrame")[-1]
-    (focal,) = _numbers_vicon(frame, "FOCAL_LENGTH", 1, name)
-    quaternion = _numbers_vicon(frame, "ORIENTATION", 4, name)
-    if not abs(np.linalg.norm(quaternion) - 1) < 0.01:
-        raise InputError(f"camera {name}: ORIENTATION has no length of 1; expected a quaternion")
-    R = scipy.spatial.transform.Rotation.from_quat(quaternion).as_matrix()
-    (aspect,) = _numbers_vicon(element, "PIXEL_ASPECT_RATIO", 1, name, "1")
-    if not 0.1 < aspect < 10:
-        raise InputError(f"camera {name}: PIXEL_ASPECT_RATIO is {aspect:g}; expected about 1")
-    cx, cy = _numbers_vicon(frame, "PRINCIPAL_POINT", 2, name)
-    width, height = _numbers_vicon(element, "SENSOR_SIZE", 2, name)
-    return Camera(
-        name=name,
-        K=np.array([[focal, 0, cx], [0, focal / aspect, cy], [0, 0, 1]]),
-        distortion=_radial_vicon(frame, name),
-        R=R,
-        t=-R @ _numbers_vicon(frame, "POSITION", 3, name),
-        size=check_whole_size(width, height, f"camera {name}: SENSOR_SIZE"),
-    )
+def _is_video(element: ElementTree.Element) -> bool:
+    """Return whether a camera of Vicon or OptiTrack films, beside those that see markers only."""
+    colour = element.get("Serial", "").upper().startswith("C")
+    return colour or "video" in element.get("TYPE", "").lower()
 
 
-def _radial_vicon(frame: ElementTree.Element, name: str) -> np.ndarray:
-    """Return k1 k2 p1 p2 k3."""
-    newer = frame.get("VICON_RADIAL2", "").split()[3:6]
-    words = newer or frame.get("VICON_RADIAL", "").split()
-    radial = parse_numbers(words, f"camera {name}: VICON_RADIAL{'2' if newer else ''}")
-    k1, k2, k3 = np.append(radial, np.zeros(3))[:3]
-    return np.array([k1, k2, 0, 0, k3])
+def _find_encoding(path: Path) -> str:
+    with open_input(path, "a calibration") as file:
+        head = file.read(2)
+    if head in _MARKS:
+        return "UTF-16"
+    return "UTF-16-LE" if head == b"<\0" else "UTF-8"
 
 
-def _numbers_vicon(
-    element: ElementTree.Element, key: str, count: int, name: str, default: str | None = None
+def _read_numbers(
+    element: ElementTree.Element | None, keys: Sequence[str], count: int, what: str
 ) -> np.ndarray:
-    text = element.get(key, default)
-    if text is None:
-        raise InputError(f"camera {name}: no {key}; expected {count} numbers")
-    values = parse_numbers(text.split(), f"camera {name}: {key}")
+    """Return the numbers (count,) in an element's attributes, one after the other. Raises
+    InputError."""
+    missing = [key for key in keys if element is None or key not in element.attrib]
+    if element is None or missing:
+        raise InputError(f"{what} lacks {join_names(missing)}")
+    values = parse_numbers(" ".join(element.attrib[key] for key in keys).split(), what)
     if len(values) != count:
-        raise InputError(f"camera {name}: {key} has {len(values)} numbers; expected {count}")
+        raise InputError(f"{what}: {len(values)} numbers in {join_names(keys)}; expected {count}")
     return values
+
+
+def _parse_qualisys(element: ElementTree.Element, what: str) -> dict[str, Any]:
+    video, lens = element.find("fov_video"), element.find("intrinsic")
+    if video is None and lens is not None:
+        raise InputError(
+            f"{what}: no fov_video; expected Qualisys' own file. That of Theia3D is not "
+            "read: see docs/formats.md"
+        )
+    if element.get("viewrotation", "0") != "0":
+        turned = element.get("viewrotation")
+        raise InputError(f"{what}: viewrotation is {turned}; expected 0")
+    pose = _read_numbers(element.find("transform"), [*_MATRIX, *"xyz"], 12, f"{what}: transform")
+    focal = ("focalLengthU", "focalLengthV", "centerPointU", "centerPointV")
+    bend = [f"{kind}Distortion{k}" for kind in ("radial", "tangental") for k in (1, 2)]
+    values = _read_numbers(lens, [*focal, *bend], 8, f"{what}: intrinsic")
+    left, top, right, bottom = _read_numbers(
+        video, ("left", "top", "right", "bottom"), 4, f"{what}: fov_video"
+    )
+    return {
+        "K": values[:4] / SUBPIXELS - [0, 0, left, top],
+        "distortion": values[4:],
+        "pose": np.column_stack([pose[:9].reshape(3, 3).T, pose[9:]]),
+        "size": (right - left + 1, bottom - top + 1),
+    }
+
+
+def _parse_optitrack(element: ElementTree.Element, what: str) -> dict[str, Any]:
+    lens = element.find("IntrinsicStandardCameraModel")
+    if lens is None:
+        raise InputError(
+            f"{what}: no IntrinsicStandardCameraModel; expected a calibration that Motive "
+            "3.2 or later has written"
+        )
+    bend = ("k1", "k2", "TangentialX", "TangentialY", "k3")
+    values = _read_numbers(lens, [*_LENS, *bend], 9, f"{what}: {lens.tag}")
+    keys = [*(f"OrientMatrix{number}" for number in range(9)), *"XYZ"]
+    pose = _read_numbers(element.find("Extrinsic"), keys, 12, f"{what}: Extrinsic")
+    sides = ("ImagerPixelWidth", "ImagerPixelHeight")
+    return {
+        "K": values[:4],
+        "distortion": values[4:],
+        "pose": np.column_stack([pose[:9].reshape(3, 3), pose[9:]]),
+        "size": _read_numbers(element.find("Attributes"), sides, 2, f"{what}: Attributes"),
+    }
+
+
+def _parse_vicon(element: ElementTree.Element, what: str) -> dict[str, Any]:
+    frame = element.findall("KeyFrames/KeyFrame")[-1]
+    keys = ("FOCAL_LENGTH", "PRINCIPAL_POINT", "ORIENTATION", "POSITION")
+    focal, cx, cy, *pose = _read_numbers(frame, keys, 10, what)
+    R = parse_quaternion(np.array(pose[:4]), f"{what}: ORIENTATION")
+    aspect = float(parse_numbers([element.get("PIXEL_ASPECT_RATIO", "1")], what)[0])
+    if not 0.1 < aspect < 10:
+        raise InputError(f"{what}: PIXEL_ASPECT_RATIO is {aspect:g}; expected about 1")
+    newer = frame.get("VICON_RADIAL2", "").split()[3:6]
+    radial = parse_numbers(newer or frame.get("VICON_RADIAL", "").split(), f"{what}: VICON_RADIAL")
+    k1, k2, k3 = np.append(radial, np.zeros(3))[:3]
+    return {
+        "K": [focal, focal / aspect, cx, cy],
+        "distortion": [k1, k2, 0, 0, k3],
+        "R": R,
+        "t": -R @ pose[4:],
+        "size": _read_numbers(element, ["SENSOR_SIZE"], 2, what),
+    }
