@@ -364,9 +364,9 @@ class CalibrateRequest(PersonRequest):
     intrinsics: Annotated[
         Path | None,
         Flag("intrinsics that are kept: a calibration, or a folder with a video or pictures of "
-             "the board per camera (default: found, too); of --person also a folder with a photo "
-             "by each camera, whose EXIF states a focal length, which is refined", "PATH",
-             group=LENSES),
+             "the board per camera (default: estimated with the rest); of --person also a folder "
+             "with a photo by each camera, whose EXIF states a focal length, which is refined",
+             "PATH", group=LENSES),
     ] = None  # fmt: skip
     field_of_view: Annotated[float | None, Flag(FIELD_OF_VIEW, "DEG", group=LENSES)] = None
     floor: Annotated[

@@ -200,14 +200,15 @@ def print_evaluation(evaluation: Evaluation) -> None:
     if summary["limbs_said_to_be_lost"]:
         shares = ", ".join(f"{n} {s:.1%}" for n, s in summary["limbs_said_to_be_lost"].items())
         lines.append(
-            f"frames in which the track reports a limb as lost: {shares}; of limbs beyond "
-            f"{1000 * LOST_LIMB:.0f} mm {_share(summary['limbs_beyond_200_mm_flagged'])}, of those "
-            f"within {1000 * LOST_JOINT:.0f} mm {_share(summary['limbs_within_150_mm_flagged'])}; "
-            f"in 95 %, of joints without: {_share(summary['inside_95_unflagged'])}"
+            f"the track itself marks as lost, of all frames: {shares}. It marks "
+            f"{_share(summary['limbs_beyond_200_mm_flagged'])} of limbs with an error above "
+            f"{1000 * LOST_LIMB:.0f} mm, {_share(summary['limbs_within_150_mm_flagged'])} of those "
+            f"below {1000 * LOST_JOINT:.0f} mm; in 95 %, of all joints not marked: "
+            f"{_share(summary['inside_95_unflagged'])}"
         )
     if summary["lost_frames"]:
         lost = spans(summary["lost_frames"])
-        lines.append(f"frames in which the track reports the person as lost: {lost}")
+        lines.append(f"the track itself marks the person as lost in frames {lost}")
     for side, names in summary["not_compared"].items():
         if names:
             lines.append(f"not compared, of the {side}: {', '.join(names)}")

@@ -59,7 +59,7 @@ def run(request: ReportRequest) -> None:
     ):
         bar = progress_bar()
         steps = len(choose_rows(len(track))) + (len(track) if draw else 0)
-        task = bar.add_task("judging", total=steps)
+        task = bar.add_task("checking", total=steps)
 
         def advance() -> None:
             if not bar.live.is_started:  # not before: an error must stay a single line

@@ -7,6 +7,8 @@ interpolated; the animation's `extras` list both.
 
 from __future__ import annotations
 
+import json
+import struct
 from pathlib import Path
 from typing import Any
 
@@ -30,18 +32,12 @@ _COLOURS = {
 
 def write_glb(path: str | Path, motion: BodyMotion) -> None:
     """Write the animated body. Raises InputError if the file cannot be written."""
-    import pygltflib as gltf  # slow to import
-
     skeleton, mesh = build_skeleton(motion.body), rounded_mesh(motion.body)
-    file = _File(gltf)
+    file = _File()
     bones = [index for index, node in enumerate(skeleton.nodes) if node.bone is not None]
     _add_nodes(file, skeleton, motion)
-    file.model.skins = [
-        gltf.Skin(
-            joints=bones,
-            inverseBindMatrices=file.add(_inverse_bind_matrices(skeleton, bones), "MAT4"),
-        )
-    ]
+    bind = file.add(_inverse_bind_matrices(skeleton, bones), "MAT4")
+    file.model["skins"] = [{"joints": bones, "inverseBindMatrices": bind}]
     _add_mesh(file, skeleton, bones, mesh)
     if len(motion.poses):
         _add_animation(file, skeleton, motion)
@@ -49,42 +45,51 @@ def write_glb(path: str | Path, motion: BodyMotion) -> None:
         temporary.write_bytes(file.content())
 
 
-class _File:
-    """A glTF model and the bytes of its one buffer."""
+#: Codes of glTF 2.0, section 3.6.2: component types, and targets of a buffer's views.
+_COMPONENTS = {"f4": 5126, "u4": 5125, "u1": 5121}
+_VERTICES, _INDICES = 34962, 34963
 
-    def __init__(self, gltf: Any) -> None:
-        self.gltf = gltf
-        self.model = gltf.GLTF2(asset=gltf.Asset(version="2.0", generator="psfs-apf"))
+
+class _File:
+    """A glTF model, as the dictionary of its JSON, and the bytes of its one buffer."""
+
+    def __init__(self) -> None:
+        self.model: dict[str, Any] = {
+            "asset": {"version": "2.0", "generator": "psfs-apf"},
+            "bufferViews": [],
+            "accessors": [],
+        }
         self._bytes = bytearray()
 
     def add(self, values: np.ndarray, kind: str, target: int | None = None) -> int:
         """Add values (N, ...), float32 or unsigned, return their accessor; kind: such as VEC3."""
-        types = {"f4": 5126, "u4": 5125, "u1": 5121}
         data = np.ascontiguousarray(values)
         flat = data.reshape(len(data), -1)
         self._bytes.extend(b"\0" * (-len(self._bytes) % 4))
-        view = self.gltf.BufferView(
-            buffer=0, byteOffset=len(self._bytes), byteLength=data.nbytes, target=target
-        )
+        view = {"buffer": 0, "byteOffset": len(self._bytes), "byteLength": data.nbytes}
         self._bytes.extend(data.tobytes())
-        self.model.bufferViews.append(view)
-        self.model.accessors.append(
-            self.gltf.Accessor(
-                bufferView=len(self.model.bufferViews) - 1,
-                componentType=types[data.dtype.str[1:] if data.itemsize > 1 else "u1"],
-                count=len(data),
-                type=kind,
-                min=flat.min(0).tolist(),
-                max=flat.max(0).tolist(),
-            )
+        self.model["bufferViews"].append(view | ({"target": target} if target else {}))
+        self.model["accessors"].append(
+            {
+                "bufferView": len(self.model["bufferViews"]) - 1,
+                "componentType": _COMPONENTS[data.dtype.str[1:]],
+                "count": len(data),
+                "type": kind,
+                "min": flat.min(0).tolist(),
+                "max": flat.max(0).tolist(),
+            }
         )
-        return len(self.model.accessors) - 1
+        return len(self.model["accessors"]) - 1
 
     def content(self) -> bytes:
-        """Return the bytes of the whole file."""
-        self.model.buffers = [self.gltf.Buffer(byteLength=len(self._bytes))]
-        self.model.set_binary_blob(bytes(self._bytes))
-        return b"".join(self.model.save_to_bytes())
+        """Return the bytes of the whole file: a header, a chunk of JSON, a chunk of numbers."""
+        self.model["buffers"] = [{"byteLength": len(self._bytes)}]
+        text = json.dumps(self.model).encode()
+        text += b" " * (-len(text) % 4)
+        data = self._bytes + b"\0" * (-len(self._bytes) % 4)
+        chunks = struct.pack("<I4s", len(text), b"JSON") + text
+        chunks += struct.pack("<I4s", len(data), b"BIN\0") + data
+        return struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks
 
 
 def _add_nodes(file: _File, skeleton: Skeleton, motion: BodyMotion) -> None:
@@ -93,24 +98,21 @@ def _add_nodes(file: _File, skeleton: Skeleton, motion: BodyMotion) -> None:
     rotations, positions = skeleton.motion(motion.body, first)
     turned = _quaternions(rotations[0])
     nodes = [
-        file.gltf.Node(
-            name=node.name,
-            translation=positions[0, index].tolist(),
-            rotation=turned[index].tolist(),
-            children=skeleton.children(index),
-        )
+        {
+            "name": node.name,
+            "translation": positions[0, index].tolist(),
+            "rotation": turned[index].tolist(),
+        }
+        | ({"children": children} if (children := skeleton.children(index)) else {})
         for index, node in enumerate(skeleton.nodes)
     ]
     roots = [index for index, node in enumerate(skeleton.nodes) if node.parent < 0]
-    nodes.append(file.gltf.Node(name=f"{motion.body.name} body", mesh=0, skin=0))
-    file.model.nodes = nodes
-    file.model.scene = 0
-    file.model.scenes = [file.gltf.Scene(nodes=[*roots, len(nodes) - 1])]
+    nodes.append({"name": f"{motion.body.name} body", "mesh": 0, "skin": 0})
+    file.model |= {"nodes": nodes, "scene": 0, "scenes": [{"nodes": [*roots, len(nodes) - 1]}]}
 
 
 def _add_mesh(file: _File, skeleton: Skeleton, bones: list[int], mesh: BodyMesh) -> None:
     """Add the cones in the rest attitude, bound to their bones, one primitive per side."""
-    gltf = file.gltf
     joint_of = {skeleton.nodes[node].bone: joint for joint, node in enumerate(bones)}
     owner = mesh.bones[:, 0]
     joints = np.zeros((len(owner), 4), np.uint8)
@@ -120,35 +122,29 @@ def _add_mesh(file: _File, skeleton: Skeleton, bones: list[int], mesh: BodyMesh)
     origins = skeleton.places()[[bones[joint] for joint in joints[:, 0]]]
     points = origins + np.einsum("vab,vb->va", skeleton.rest[owner], mesh.positions[:, 0])
     attributes = {
-        "POSITION": file.add(points.astype(np.float32), "VEC3", gltf.ARRAY_BUFFER),
-        "NORMAL": file.add(_normals(points, mesh.faces), "VEC3", gltf.ARRAY_BUFFER),
-        "JOINTS_0": file.add(joints, "VEC4", gltf.ARRAY_BUFFER),
-        "WEIGHTS_0": file.add(weights, "VEC4", gltf.ARRAY_BUFFER),
+        "POSITION": file.add(points.astype(np.float32), "VEC3", _VERTICES),
+        "NORMAL": file.add(_normals(points, mesh.faces), "VEC3", _VERTICES),
+        "JOINTS_0": file.add(joints, "VEC4", _VERTICES),
+        "WEIGHTS_0": file.add(weights, "VEC4", _VERTICES),
     }
-    primitives = []
+    primitives: list[dict[str, Any]] = []
+    materials: list[dict[str, Any]] = []
     for side, colour in _COLOURS.items():
         faces = mesh.faces[[find_side(mesh.names[part]) == side for part in mesh.parts]]
         if not len(faces):
             continue
-        indices = file.add(faces.reshape(-1).astype(np.uint32), "SCALAR", gltf.ELEMENT_ARRAY_BUFFER)
-        shine = gltf.PbrMetallicRoughness(
-            baseColorFactor=list(colour), metallicFactor=0.0, roughnessFactor=0.8
-        )
-        file.model.materials.append(gltf.Material(name=side, pbrMetallicRoughness=shine))
+        indices = file.add(faces.reshape(-1).astype(np.uint32), "SCALAR", _INDICES)
+        shine = {"baseColorFactor": colour, "metallicFactor": 0.0, "roughnessFactor": 0.8}
         primitives.append(
-            gltf.Primitive(
-                attributes=gltf.Attributes(**attributes),
-                indices=indices,
-                material=len(file.model.materials) - 1,
-            )
+            {"attributes": attributes, "indices": indices, "material": len(materials)}
         )
-    file.model.meshes = [gltf.Mesh(name="body", primitives=primitives)]
+        materials.append({"name": side, "pbrMetallicRoughness": shine})
+    file.model |= {"meshes": [{"name": "body", "primitives": primitives}], "materials": materials}
 
 
 def _add_animation(file: _File, skeleton: Skeleton, motion: BodyMotion) -> None:
     """Add a channel for the rotation of every bone, and for the position of those that
     translate."""
-    gltf = file.gltf
     rotations, positions = skeleton.motion(motion.body, motion.poses)
     points = motion.points
     times = file.add((points.times - points.times[0]).astype(np.float32), "SCALAR")
@@ -159,7 +155,8 @@ def _add_animation(file: _File, skeleton: Skeleton, motion: BodyMotion) -> None:
         if column.any()
     }
     extras = {"lost_frames": lost, "lost_limbs": limbs, "note": points.note}
-    animation = gltf.Animation(name="motion", extras=extras)
+    samplers: list[dict[str, Any]] = []
+    channels = []
     for index, node in enumerate(skeleton.nodes):
         if node.bone is None:
             continue
@@ -168,13 +165,12 @@ def _add_animation(file: _File, skeleton: Skeleton, motion: BodyMotion) -> None:
             curves["translation"] = positions[:, index]
         for path, curve in curves.items():
             values = file.add(curve.astype(np.float32), f"VEC{curve.shape[1]}")
-            animation.samplers.append(
-                gltf.AnimationSampler(input=times, output=values, interpolation="LINEAR")
-            )
-            target = gltf.AnimationChannelTarget(node=index, path=path)
-            sampler = len(animation.samplers) - 1
-            animation.channels.append(gltf.AnimationChannel(sampler=sampler, target=target))
-    file.model.animations = [animation]
+            target = {"node": index, "path": path}
+            channels.append({"sampler": len(samplers), "target": target})
+            samplers.append({"input": times, "output": values, "interpolation": "LINEAR"})
+    file.model["animations"] = [
+        {"name": "motion", "samplers": samplers, "channels": channels, "extras": extras}
+    ]
 
 
 def _normals(points: np.ndarray, faces: np.ndarray) -> np.ndarray:

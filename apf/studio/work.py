@@ -132,7 +132,7 @@ class Work:
             return "examining the footage and finding the person ..."
         if done < self.n_frames:
             return f"tracking: {done} of {self.n_frames} frames"
-        return "judging, drawing the overlay ..."
+        return "checking the result, drawing the overlay ..."
 
     def cancel(self) -> None:
         """Interrupt it, as Ctrl-C does: it writes the frames that are tracked, and ends."""

@@ -156,8 +156,8 @@ def finish_take(
     for track, folder in zip(take.tracks, job.folders, strict=True):
         compared, keypoints = whole and request.report, opened.keypoints
         if compared:
-            line.begin("judging")
-            report = partial(line, "judging")
+            line.begin("checking")
+            report = partial(line, "checking")
             quality = judge_track(session, track, report, keypoints=keypoints, doubts=doubts)
         else:
             near = compare_with_keypoints(session, track, keypoints)

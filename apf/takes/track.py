@@ -94,7 +94,7 @@ def run_track(
     method = request.method
     writes, back = request.output is not None, method.goes_back
     left_out = {
-        "overlay": not (writes and request.video), "judging": not (writes and request.report),
+        "overlay": not (writes and request.video), "checking": not (writes and request.report),
         "tracking back": not back, "fitting": not back,
     }  # fmt: skip
     is_gpu = isinstance(device, Device) and device.is_gpu

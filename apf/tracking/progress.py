@@ -30,7 +30,7 @@ _FOR_ALL = {"opening": _Cost(0.5), "examining": _Cost(4), "people": _Cost(0.8)}
 _FOR_EACH = {
     **{"volume": _Cost(0.4), "start": _Cost(3), "preparing": _Cost(0.4)},
     **{"tracking": _Cost(0, 0.012), "tracking back": _Cost(0, 0.005), "fitting": _Cost(2, 0.04)},
-    **{"overlay": _Cost(0, 0.02), "judging": _Cost(2)},
+    **{"overlay": _Cost(0, 0.02), "checking": _Cost(2)},
 }
 _ORDER = (*_FOR_ALL, *_FOR_EACH)
 #: The stages that report after every frame.
