@@ -22,7 +22,7 @@ from psfs.diagnostics.config import LimbConfig
 from psfs.diagnostics.frontier import SilhouetteContours
 from psfs.diagnostics.hulls import HullRays, PersonPlace, Sight, find_person
 from psfs.diagnostics.medial_axes import OPPOSITE, MedialAxes
-from psfs.diagnostics.refinement import N_PARAMETERS, Further
+from psfs.diagnostics.refinement import N_PARAMETERS, Further, measure_points
 from psfs.footage.camera_times import INDEPENDENT_SHARE
 
 #: Widths of limbs, statures, and the greatest ratio of a limb's widths in two cameras.
@@ -125,39 +125,24 @@ class LimbPoints:
         axis of the first camera, which fixes the point and tells no camera anything."""
         traced, items, views = self._traced, self._items, self._views
         points = (traced.points + parameters["limbs"])[items]
-        focal = np.array([camera.K[0, 0] for camera in cameras])[views]
-        R = np.stack([camera.R for camera in cameras])[views]
-        centres = np.stack([camera.centre for camera in cameras])[views]
         share = (traced.times[items] + lags[views] - traced.frames[items, views])[:, None]
         before, after = traced.pixels[items, views].swapaxes(0, 1)
-        local = np.einsum("mij,mj->mi", R, points - centres)
-        seen = focal[:, None] * local[:, :2] / local[:, 2:]
-        away = seen - (1 - share) * before - share * after
+        speeds = after - before
+        errors, by_camera, by_point = measure_points(
+            cameras, views, points, before + share * speeds, speeds
+        )
         across = traced.across[items, views]
         along = np.stack([-across[:, 1], across[:, 0]], -1)
-
-        def differentiate(axis: np.ndarray) -> np.ndarray:
-            """Return the derivatives (M, 3) of pixels along an axis by the point, in the camera's
-            axes."""
-            pull = -(axis * seen).sum(1, keepdims=True)
-            return np.hstack([focal[:, None] * axis, pull]) / local[:, 2:]
-
-        slopes = differentiate(across)
-        by_point = np.einsum("mi,mij->mj", slopes, R)
-        by_camera = np.empty((len(items), 1, N_PARAMETERS))
-        by_camera[:, 0, :3] = np.cross(local, slopes)
-        by_camera[:, 0, 3:6] = -by_point
-        by_camera[:, 0, 6] = (across * seen).sum(1)
-        by_camera[:, 0, 7] = (across * (after - before)).sum(1)
-        both = [Slope("cameras", views, by_camera), Slope("limbs", items, by_point[:, None])]
-        found = Residuals(
-            (away * across).sum(1), both, weights=INDEPENDENT_SHARE, least=self.config.noise
+        away, by_camera, pull = (
+            np.einsum("mi,mi...->m...", across, of) for of in (errors, by_camera, by_point)
         )
+        both = [Slope("cameras", views, by_camera[:, None]), Slope("limbs", items, pull[:, None])]
+        found = Residuals(away, both, weights=INDEPENDENT_SHARE, least=self.config.noise)
         first = views == traced.firsts[items]
-        by_first = np.einsum("mi,mij->mj", differentiate(along), R)[first, None]
+        away, pull = (np.einsum("mi,mi...->m...", along, of)[first] for of in (errors, by_point))
         fixed = Residuals(
-            (away * along).sum(1)[first], [Slope("limbs", items[first], by_first)],
-            sigma=self.config.noise, weights=INDEPENDENT_SHARE * _ALONG, robust=False,
+            away, [Slope("limbs", items[first], pull[:, None])], sigma=self.config.noise,
+            weights=INDEPENDENT_SHARE * _ALONG, robust=False,
         )  # fmt: skip
         return [found, fixed]
 

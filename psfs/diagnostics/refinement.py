@@ -72,6 +72,32 @@ def correct_camera(camera: Camera, correction: np.ndarray) -> Camera:
     return replace(camera, K=K, R=R, t=-R @ (camera.centre + correction[3:6]))
 
 
+def measure_points(
+    cameras: Sequence[Camera], views: np.ndarray, points: np.ndarray, pixels: np.ndarray,
+    speeds: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
+    """Return the errors (M, 2) px of points (M, 3) in the cameras `views` (M,), and their
+    derivatives by these cameras' corrections (M, 2, 8) and by the points (M, 2, 3).
+
+    pixels, speeds: (M, 2) where the points are seen, px from the principal point without
+    distortion, and their motion, px per frame, by which the pixels were moved to the point's time.
+    """
+    R = np.stack([camera.R for camera in cameras])[views]
+    centres = np.stack([camera.centre for camera in cameras])[views]
+    focal = np.array([camera.K[0, 0] for camera in cameras])[views, None]
+    local = np.einsum("mij,mj->mi", R, points - centres)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        scale = focal / local[:, 2:]
+        seen = scale * local[:, :2]
+        by_local = scale[..., None] * np.broadcast_to(np.eye(2, 3), (len(views), 2, 3))
+        by_local[..., 2] = -seen / local[:, 2:]
+    by_point = by_local @ R
+    by_camera = np.concatenate(
+        [np.cross(local[:, None], by_local), -by_point, seen[..., None], speeds[..., None]], axis=-1
+    )
+    return seen - pixels, by_camera, by_point
+
+
 #: Find the points of given cameras that agree to a number of pixels; the last argument: (V,) frames
 #: by which each camera takes its pictures late.
 Find = Callable[[Sequence[Camera], float, np.ndarray], FrontierPoints]

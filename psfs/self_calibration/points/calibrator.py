@@ -22,7 +22,7 @@ from psfs.self_calibration.points.bundle import (
     PointScene,
     Segments,
     adjust_points,
-    project,
+    measure_errors,
     triangulate_rays,
 )
 from psfs.self_calibration.points.lags import estimate_lags
@@ -92,17 +92,17 @@ def calibrate_by_points(
 
 
 def _without_distortion(camera: Camera) -> Camera:
-    K = camera.K.copy()
-    K[0, 1] = 0
+    """Return the camera with square pixels, the origin at its principal point."""
+    focal = camera.K[0, 0]
+    K = np.diag([focal, focal, 1.0])
     return Camera(camera.name, K, np.zeros(5), np.eye(3), np.zeros(3), camera.size)
 
 
 def _undistort(camera: Camera, points: np.ndarray, config: PointsConfig) -> np.ndarray:
-    """Return sure keypoints (F, K, 3) as pixels (F, K, 2) of the camera without distortion."""
+    """Return sure keypoints (F, K, 3) as pixels (F, K, 2) of `_without_distortion`."""
     sure = np.isfinite(points).all(axis=-1) & (np.nan_to_num(points[..., 2]) >= config.confidence)
     out = np.full((*points.shape[:2], 2), np.nan)
-    flat = camera.normalise(points[sure][:, :2])
-    out[sure] = flat * camera.K[[0, 1], [0, 1]] + camera.K[:2, 2]
+    out[sure] = camera.K[0, 0] * camera.normalise(points[sure][:, :2])
     return out
 
 
@@ -142,9 +142,7 @@ def _measure_speeds(points: np.ndarray, lag: int) -> np.ndarray:
 
 def _total_error(scene: PointScene, observations: PointObservations) -> float:
     points = triangulate_rays(scene.cameras, observations.pixels)
-    _, errors = project(replace(scene, points=points), observations)
-    away = np.linalg.norm(errors, axis=-1)
-    return float(np.nanmedian(away))
+    return float(np.nanmedian(measure_errors(replace(scene, points=points), observations)))
 
 
 def _adjust(
@@ -174,8 +172,7 @@ def _finish(
 ) -> PointCalibration:  # fmt: skip
     """Return the calibration. Raises InputError if it cannot be trusted."""
     observations = _observe(seen, lags, frames)
-    _, errors = project(scene, observations)
-    away = np.linalg.norm(errors, axis=-1)
+    away = measure_errors(scene, observations)
     enough = np.isfinite(away).sum(axis=1) >= FEWEST
     if not enough.all():
         few = join_names(c.name for c, own in zip(cameras, enough, strict=True) if not own)
@@ -189,15 +186,10 @@ def _finish(
             f"the keypoints fit no arrangement of the cameras: those of {cameras[worst].name} are "
             f"{medians[worst]:.1f} px off, expected at most {limit:.1f}; {FILM}"
         )
-    placed = zip(cameras, scene.cameras, strict=True)
-    rig = CameraRig(tuple(replace(own, K=_focal(own, at), R=at.R, t=at.t) for own, at in placed))
+    placed = []
+    for camera, found in zip(cameras, scene.cameras, strict=True):
+        K = camera.K * np.array([[1.0], [1], [0]]) * (found.K[0, 0] / camera.K[0, 0])
+        K[:, 2] = camera.K[:, 2]
+        placed.append(replace(camera, K=K, R=found.R, t=found.t))
     points = scene.points.reshape(len(frames), -1, 3)
-    return PointCalibration(rig, lags + scene.lags, points, frames, medians)
-
-
-def _focal(camera: Camera, found: Camera) -> np.ndarray:
-    """Return the camera's K with the focal length found."""
-    K = camera.K.copy()
-    K[0, :2] *= found.K[0, 0] / camera.K[0, 0]
-    K[1, 1] = found.K[1, 1]
-    return K
+    return PointCalibration(CameraRig(tuple(placed)), lags + scene.lags, points, frames, medians)

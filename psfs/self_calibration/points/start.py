@@ -15,7 +15,7 @@ from psfs.self_calibration.points.bundle import (
     PointObservations,
     PointScene,
     adjust_points,
-    project,
+    measure_errors,
     triangulate_rays,
 )
 
@@ -54,7 +54,7 @@ def _place_pair(
     both = np.flatnonzero(seen[pair[0]] & seen[pair[1]])
     if len(both) < FEWEST:
         return None
-    first, second = (_normalise(cameras[view], observations.pixels[view, both]) for view in pair)
+    first, second = (cameras[v].normalise(observations.pixels[v, both]) for v in pair)
     gate = _GATE * noise / np.mean([cameras[view].K[0, 0] for view in pair])
     cv2.setRNGSeed(1)
     E, inside = cv2.findEssentialMat(
@@ -81,11 +81,6 @@ def _place_pair(
         return None
     scene = PointScene(tuple(placed), np.zeros(len(cameras)), points)
     return count * np.sqrt(np.sin(np.radians(wide))), scene
-
-
-def _normalise(camera: Camera, pixels: np.ndarray) -> np.ndarray:
-    """Return the places (N, 2) of pixels at depth 1."""
-    return (pixels - camera.K[:2, 2]) / camera.K[[0, 1], [0, 1]]
 
 
 def _place_others(
@@ -118,7 +113,7 @@ def _resect(
     both = np.flatnonzero(observations.seen[view] & np.isfinite(scene.points).all(axis=-1))
     if len(both) < FEWEST:
         return None
-    flat = _normalise(camera, observations.pixels[view, both])
+    flat = camera.normalise(observations.pixels[view, both])
     cv2.setRNGSeed(1)
     found, turn, shift, inside = cv2.solvePnPRansac(
         scene.points[both], flat, np.eye(3), None, iterationsCount=_TRIALS, confidence=_SURE,
@@ -139,9 +134,8 @@ def _adjust_some(
     sigmas = pose_sigmas(len(placed))
     own = PointScene(cameras, np.zeros(len(placed)), points)
     own = adjust_points(own, some, sigmas, noise)
-    _, errors = project(own, some)
     # Points that fit badly are not used to place the next camera.
-    worst = np.nanmax(np.linalg.norm(np.nan_to_num(errors), axis=-1), axis=0)
+    worst = np.nan_to_num(measure_errors(own, some)).max(axis=0)
     points = np.where((worst < 4 * _GATE * noise)[:, None], own.points, np.nan)
     merged = list(scene.cameras)
     for view, camera in zip(placed, own.cameras, strict=True):
