@@ -16,7 +16,7 @@ from apf.cluster.pool import ATTEMPTS, Pool, Task
 from apf.cluster.task_side import Progress, TaskProgress, TaskStopped
 from apf.cluster.workers import Share, set_up_worker
 from cl import InputError
-from psfs.common.system import changed_environment, defer_interrupts, handle_signals
+from psfs.common.system import changed_environment, defer_interrupts, handle_signals, ignore_signals
 
 #: Time in which a stopped take writes what it has, s.
 _TO_WRITE = 60.0
@@ -134,12 +134,17 @@ def _serve(tasks: Connection) -> None:
         with lock:
             tasks.send(message)
 
-    def interrupt(*_: object) -> NoReturn:
+    stopping = False
+
+    def stop(*_: object) -> NoReturn:
+        nonlocal stopping
+        stopping = True
+        ignore_signals(["SIGTERM"])  # a second one would cut off what the task writes
         raise KeyboardInterrupt
 
-    with suppress(KeyboardInterrupt, EOFError, OSError), handle_signals(interrupt, ["SIGTERM"]):
+    with suppress(KeyboardInterrupt, EOFError, OSError), handle_signals(stop, ["SIGTERM"]):
         set_up_worker()
-        while True:
+        while not stopping:
             task: Task = tasks.recv()
             try:
                 outcome = task.work(TaskProgress(task.name, send), *task.arguments)
