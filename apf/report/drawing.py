@@ -7,6 +7,7 @@ import base64
 import math
 from collections.abc import Callable, Iterable
 from collections.abc import Sequence as Items
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -39,6 +40,9 @@ _LOST = np.array(LOST, np.uint8)
 _JOINT, _RIM, _TEXT = (255, 255, 255), (25, 25, 25), (245, 245, 245)
 #: The mosaic's largest width and height, px.
 MOSAIC_SIZE = (1920, 1080)
+#: Rim around the joints in a cropped picture, as a share of the larger side that they span.
+_RIM_SHARE = 0.15
+_MACROBLOCK = 16  # px, of H.264; videos of whole ones are the same bytes each time
 _BITS = 4  # fractional bits of the coordinates that OpenCV draws with
 _FAR = 10_000.0  # px; lines are clipped there, because OpenCV's integers would overflow
 
@@ -151,24 +155,33 @@ def make_still_figure(
 
 
 def draw_mosaic(
-    frame: Frame, rig: CameraRig, figures: Items[Figure], views: Items[int] | None = None
+    frame: Frame,
+    rig: CameraRig,
+    figures: Items[Figure],
+    views: Items[int] | None = None,
+    window: tuple[np.ndarray, np.ndarray] | None = None,
 ) -> np.ndarray:
     """Return a frame's mosaic (h, w, 3) uint8 BGR: all cameras, or those of `views`, with everybody
     that the frame shows, near people over far ones, and the names of those who are lost.
 
-    Where the frame has no images the masks are drawn on. It has even sides within MOSAIC_SIZE.
+    window: the part of each picture that is shown, see `find_window`; all without. Where the frame
+    has no images the masks are drawn on. It has even sides within MOSAIC_SIZE.
     """
     chosen = range(len(rig)) if views is None else views
-    columns, scale = _arrangement(len(chosen), rig.width, rig.height)
-    width, height = (max(2, math.floor(scale * side / 2) * 2) for side in (rig.width, rig.height))
+    corners, (wide, high) = window or (np.zeros((len(rig), 2), int), (rig.width, rig.height))
+    columns, scale = _arrangement(len(chosen), wide, high)
+    width, height = (max(2, math.floor(scale * side / 2) * 2) for side in (wide, high))
     mosaic = np.zeros((-(-len(chosen) // columns) * height, columns * width, 3), np.uint8)
     shown = [(one, one.rows[frame.index]) for one in figures if frame.index in one.rows]
     shown = [(one, row) for one, row in shown if np.isfinite(one.track.joints[row]).any()]
     lost = [f"   {one.name} LOST" for one, row in shown if one.is_lost(row)]
     note = ("   LOST" if lost else "") if len(figures) == 1 else "".join(lost)
     for tile, view in enumerate(chosen):
-        camera = rig[view].scaled(scale)
-        picture = scale_picture(crop_view(frame, view, rig[view]), scale)[:height, :width]
+        left, top = corners[view]
+        K = rig[view].K - np.array([[0, 0, left], [0, 0, top], [0, 0, 0]])
+        camera = replace(rig[view], K=K, hidden=None).scaled(scale)
+        part = crop_view(frame, view, rig[view])[top : top + high, left : left + wide]
+        picture = scale_picture(part, scale)[:height, :width]
         picture = np.ascontiguousarray(picture).copy()
         centres = [np.nanmean(one.track.joints[row], axis=0) for one, row in shown]
         away = [-float(np.linalg.norm(centre - camera.centre)) for centre in centres]
@@ -180,13 +193,31 @@ def draw_mosaic(
     return mosaic
 
 
+def find_window(rig: CameraRig, figures: Items[Figure]) -> tuple[np.ndarray, np.ndarray]:
+    """Return the upper left corners (V, 2) of the parts of the pictures that show everybody in all
+    frames, px, and their size (2,), which is the same in all pictures."""
+    points = np.concatenate([one.track.joints[[*one.rows.values()]] for one in figures])
+    sizes = np.array([camera.size for camera in rig])
+    boxes = np.stack([np.zeros_like(sizes), sizes], axis=1).astype(float)
+    for view, camera in enumerate(rig):
+        pixels, depth = camera.project(points.reshape(-1, 3))
+        seen = pixels[(depth > 0) & np.isfinite(pixels).all(axis=-1)]
+        if len(seen):
+            rim = _RIM_SHARE * np.ptp(seen, axis=0).max()
+            boxes[view] = np.clip([seen.min(0) - rim, seen.max(0) + rim], 0, sizes[view])
+    blocks = np.ceil(np.diff(boxes, axis=1)[:, 0].max(axis=0) / _MACROBLOCK)
+    size = np.minimum(_MACROBLOCK * blocks.astype(int), (rig.width, rig.height))
+    corners = np.rint(boxes.mean(axis=1) - size / 2).astype(int)
+    return np.clip(corners, 0, np.maximum(sizes - size, 0)), size
+
+
 def write_overlay(
     path: str | Path,
     sequence: Sequence,
     tracks: Track | PeopleTracks,
     progress: Callable[[], object] | None = None,
 ) -> None:
-    """Write an mp4 of the tracked frames as `draw_mosaic` shows them.
+    """Write an mp4 of the tracked frames as `draw_mosaic` shows them, cropped to the people.
 
     progress: called after each frame. Plays as fast as the scene (slower below 1 frame/s). Raises
     InputError when a frame is not in the sequence or the video cannot be written.
@@ -195,9 +226,10 @@ def write_overlay(
     figures, frames = make_figures(everybody), everybody.frames
     steps = np.diff(frames)
     step = max(1.0, float(np.median(steps)) if steps.size else 1.0)
+    window = find_window(sequence.rig, figures)
     with write_video(path, max(1.0, everybody[0].fps / step)) as video:
         for frame in sequence.select_frames(check_indices(sequence, frames)):
-            video.write(draw_mosaic(frame, sequence.rig, figures))
+            video.write(draw_mosaic(frame, sequence.rig, figures, window=window))
             if progress is not None:
                 progress()
 

@@ -2,8 +2,7 @@
 "use strict";
 const page = JSON.parse(document.getElementById("content").textContent);
 const byId = (id) => document.getElementById(id);
-const config = { displaylogo: false, responsive: true, modeBarButtonsToRemove: ["toImage", "lasso2d", "select2d"] };
-
+const config = { displayModeBar: false, responsive: true };
 
 function bytes(text) {
   const raw = atob(text), out = new Uint8Array(raw.length);
@@ -264,9 +263,10 @@ function section(content, ids, show) {
 }
 
 function layout(y, more) {
-  return { margin: { l: 110, r: 70, t: 8, b: 36 }, hovermode: "x unified",
+  const wide = window.innerWidth > 600;
+  return { margin: { l: wide ? 90 : 72, r: wide ? 60 : 8, t: 8, b: 36 }, hovermode: "x unified",
     xaxis: { title: { text: "frame" }, range: [page.frames[0], page.frames[nRows - 1]] },
-    yaxis: { title: { text: y } }, legend: { orientation: "h", y: 1.12 }, ...more };
+    yaxis: { title: { text: y } }, legend: { orientation: "h", y: 1.02, yanchor: "bottom" }, ...more };
 }
 
 /** Draw a chart over the frames with a line at the frame shown; a click shows that frame. */
@@ -297,7 +297,7 @@ function curve(x, y, name, number, more) {
 
 section(page.confidence, ["confidence-section"], ({ parts, values, frames, scale, doubtful }) => {
   chart("parts", [{ type: "heatmap", x: judgedFrames, y: parts, z: values, zmin: 0, zmax: 1,
-    colorscale: scale, colorbar: { thickness: 12 },
+    colorscale: scale, colorbar: { thickness: 12 }, showscale: window.innerWidth > 600,
     hovertemplate: "frame %{x}, %{y}: %{z:.2f}<extra></extra>" }], layout("", { hovermode: "closest" }));
   chart("confidence", [curve(page.frames, frames, "whole body", 0)],
     layout("confidence", { yaxis: { title: { text: "confidence" }, range: [0, 1.02] } }));
@@ -316,18 +316,20 @@ section(page.agreement, ["agreement-section"], ({ cameras, body, voxels: hulls }
   ]), layout("IoU", { yaxis: { title: { text: "IoU" }, range: [0, 1.02] } })));
 
 /** Left and right of an angle share a colour; left is dashed. */
-function angles() {
-  const group = page.angles[byId("joint").value];
+function angles(number, group) {
   const names = [...new Set(group.curves.map((one) => one.name))];
-  chart("angles", group.curves.map((one) => curve(page.frames, one.values,
+  chart(`angles${number}`, group.curves.map((one) => curve(page.frames, one.values,
     one.side === "middle" ? one.name : `${one.side} ${one.name}`, names.indexOf(one.name),
     one.side === "left" ? { line: { color: COLOURS[names.indexOf(one.name) % COLOURS.length],
       width: 1.6, dash: "dash" } } : {})), layout("degrees", { showlegend: true }));
 }
 section(page.angles?.length && page.angles, ["angles-section"], (groups) => {
-  groups.forEach((group, i) => { element("option", group.name, byId("joint")).value = i; });
-  byId("joint").onchange = angles;
-  angles();
+  document.querySelectorAll("#angles-section select").forEach((choice, number) => {
+    for (const group of groups) element("option", group.name, choice);
+    choice.onchange = () => angles(number, groups[choice.selectedIndex]);
+    choice.selectedIndex = Math.min(number, groups.length - 1);
+    choice.onchange();
+  });
 });
 
 // Several people ---------------------------------------------------------------------------------
@@ -369,7 +371,7 @@ section(page.summary, ["verdict", "warnings", "tables-section", "settings-sectio
   table("run", [["sequence", summary.sequence.folder], ["cameras", summary.sequence.cameras.join(", ")],
     ["left out", Object.keys(summary.sequence.left_out).join(", ")],
     ["frames", `${nRows}${summary.complete ? "" : ` of ${summary.frames_wanted}, interrupted`}`],
-    ["frames per second", summary.sequence.fps], ["took", summary.seconds && `${summary.seconds} s`],
+    ["frames per second", summary.sequence.fps], ["took", summary.seconds && `${Math.round(summary.seconds)} s`],
     ["files", summary.files.join(", ")]]);
   table("versions", [["device", summary.device.name], ...Object.entries(summary.versions)]);
   byId("settings").textContent = summary.settings;

@@ -191,7 +191,8 @@ class Quality:
             means = camera_means(self.agreement.body_iou)
             worst = int(np.argmin(np.nan_to_num(means, nan=1.0)))
             facts.append(
-                f"body and silhouettes overlap by {np.nanmean(means):.2f} (IoU; least in "
+                f"the body covers the silhouettes to {np.nanmean(means):.2f}, the voxels, which it "
+                f"can at best reach, to {np.nanmean(self.agreement.voxel_iou):.2f} (IoU; least in "
                 f"{self.agreement.cameras[worst]}, {means[worst]:.2f})"
             )
         typical = np.median(self.deviations, axis=0)

@@ -128,11 +128,12 @@ def test_in_a_browser(page_file: Path) -> None:
         page.locator("#lines a").nth(1).click()
         page.wait_for_function(shown.format(3))
         assert "left arm" in page.locator("#lines").inner_text()
-        joints = page.locator("#joint option").all_inner_texts()
+        choices = page.locator("#angles-section select")
+        joints = choices.first.locator("option").all_inner_texts()
         assert joints[:2] == ["knee", "hip"] and "shoulder" in joints
         assert page.title() == page.locator("#name").inner_text() == "a <walk>"
-        page.locator("#joint").select_option(label="knee")
-        curves = page.evaluate("document.getElementById('angles').data.map((one) => one.name)")
+        assert [choices.nth(k).input_value() for k in (0, 1)] == ["knee", "hip"]
+        curves = page.evaluate("document.getElementById('angles0').data.map((one) => one.name)")
         assert curves == ["left flexion", "right flexion"]
         assert page.locator("#warnings").inner_text() == "left out: cam09 <b>disagrees</b>"
         page.locator("#slider").focus()
