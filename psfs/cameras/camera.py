@@ -56,10 +56,11 @@ class Camera:
         check_name(self.name, "a camera")
         distortion = np.zeros(5)
         given = np.asarray(self.distortion, np.float64).ravel()
-        if given.size > 5 and np.any(given[5:]):
+        most, names = (4, "k1 k2 k3 k4 of a fisheye lens") if self.fisheye else (5, "k1 k2 p1 p2 k3")
+        if np.any(given[most:]):
             raise InputError(
                 f"camera {self.name}: {given.size} distortion coefficients; "
-                "expected at most 5 (k1 k2 p1 p2 k3)"
+                f"expected at most {most} ({names})"
             )
         distortion[: min(5, given.size)] = given[:5]
         values = {"K": (self.K, (3, 3)), "R": (self.R, (3, 3)), "t": (self.t, (3,))}

@@ -192,6 +192,8 @@ def _read_folder(folder: Path, unit: Unit | None, sizes: Sizes) -> Calibration:
         return read_camera_files(files, unit, sizes)
     if len(suffixes) == 1:
         return read_filestorage(files, unit, sizes)
+    if not files and (inside := find_calibration(folder)) is not None and inside != folder:
+        return _read(inside, unit, sizes)
     raise InputError(
         f"{folder}: {len(files)} camera files; expected .cal, .cpar, .pa, .txt or OpenCV "
         "xml/yml/json files, one per camera and all of one kind, or COLMAP's cameras.txt and "

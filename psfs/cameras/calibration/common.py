@@ -230,7 +230,7 @@ def _make_camera(
         raise InputError(f"{what}: the lens is {record.get(key)}; expected {lenses}")
     bent = bool(key) and record.get(key) in fisheye
     (kappa,) = parse_array(record.get(layout.kappa, 0.0), 1, f"{what}: {layout.kappa}")
-    distortion = np.concatenate(parts)[: 4 if bent else None]
+    distortion = np.concatenate(parts)
     return Camera(name, K, distortion, *pose, size, kappa=float(kappa), fisheye=bent)
 
 

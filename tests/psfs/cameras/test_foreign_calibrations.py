@@ -436,6 +436,10 @@ def test_fisheye_lenses_are_read(tmp_path: Path, program: str) -> None:
         points[:, None], np.zeros(3), np.zeros(3), K, np.array(bend)
     )[0][:, 0]
     np.testing.assert_allclose(camera.project(points)[0], expected, atol=1e-9)
+    if program == "toml":
+        path.write_text(texts["toml"].replace("[-0.02,", "[0.3, -0.02,"))
+        with pytest.raises(InputError, match="5 distortion coefficients; expected at most 4"):
+            read_calibration(path)
 
 
 def sequence_in(folder: Path, write: Write, rig: CameraRig) -> Path:
