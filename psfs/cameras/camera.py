@@ -56,7 +56,9 @@ class Camera:
         check_name(self.name, "a camera")
         distortion = np.zeros(5)
         given = np.asarray(self.distortion, np.float64).ravel()
-        most, names = (4, "k1 k2 k3 k4 of a fisheye lens") if self.fisheye else (5, "k1 k2 p1 p2 k3")
+        most, names = (
+            (4, "k1 k2 k3 k4 of a fisheye lens") if self.fisheye else (5, "k1 k2 p1 p2 k3")
+        )
         if np.any(given[most:]):
             raise InputError(
                 f"camera {self.name}: {given.size} distortion coefficients; "

@@ -100,7 +100,8 @@ def find_calibration(folder: Path) -> Path | None:
 def read_calibration(
     path: str | Path, unit: Unit | None = None, sizes: Sizes = None
 ) -> Calibration:
-    """Read a calibration file or folder of any supported format, converted to metres.
+    """Read a calibration file, a folder of a file per camera, or the calibration in a folder by its
+    usual name, of any supported format, converted to metres.
 
     unit: length unit of a file that does not state its own; None: the usual one of the format.
     sizes: picture sizes, for files without them. The axes stay as in the file. Raises InputError
@@ -109,6 +110,8 @@ def read_calibration(
     path = Path(path)
     if not path.exists():
         raise MissingFileError(f"{path}: no such calibration file")
+    if path.is_dir() and not _holds_cameras(path):
+        path = find_calibration(path) or path
     suffix, name = path.suffix.lower(), path.name
     models = [f"{what}{ending}" for what in ("cameras", "images") for ending in _MODELS]
     if name in ("intri.yml", "extri.yml", *models):
@@ -192,8 +195,6 @@ def _read_folder(folder: Path, unit: Unit | None, sizes: Sizes) -> Calibration:
         return read_camera_files(files, unit, sizes)
     if len(suffixes) == 1:
         return read_filestorage(files, unit, sizes)
-    if not files and (inside := find_calibration(folder)) is not None and inside != folder:
-        return _read(inside, unit, sizes)
     raise InputError(
         f"{folder}: {len(files)} camera files; expected .cal, .cpar, .pa, .txt or OpenCV "
         "xml/yml/json files, one per camera and all of one kind, or COLMAP's cameras.txt and "
