@@ -229,17 +229,16 @@ def _place_frames(
 ) -> tuple[dict[str, np.ndarray], list[str]]:
     """Return the views (F, N, K, 3) by camera, in the frames that their files' numbers say if they
     are fewer than the sequence's and numbered within it, with a note."""
-    longest = max(len(view) for view in views.values())
-    if not isinstance(cameras, Footage) or raw.first + longest > len(cameras):
-        return dict(views), []
-    if not raw.first or longest == len(cameras):
+    last = raw.first + max(len(view) for view in views.values()) - 1
+    numbered = raw.first > 0 or raw.sparse
+    if not (numbered and isinstance(cameras, Footage) and last < len(cameras)):
         return dict(views), []
     placed = {}
     for camera, view in views.items():
         placed[camera] = np.full((len(cameras), *view.shape[1:]), np.nan)
         placed[camera][raw.first : raw.first + len(view)] = view
-    last = raw.first + longest - 1
-    return placed, [f"{raw.path}: keypoints of frames {raw.first} to {last} alone"]
+    note = f"{raw.path}: keypoints of frames {raw.first} to {last} alone"
+    return placed, [note] if last - raw.first + 1 < len(cameras) else []
 
 
 def _count_frames(

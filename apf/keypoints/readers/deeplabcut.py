@@ -11,6 +11,7 @@ import csv
 import io
 from codecs import BOM_UTF8
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -43,12 +44,18 @@ def is_deeplabcut(path: Path) -> bool:
     """Return whether a .csv begins as DeepLabCut's or SLEAP's do; an .h5 is assumed to be one."""
     if path.suffix.lower() != ".csv":
         return path.suffix.lower() in ENDINGS
-    try:
-        with open_input(path) as file:
-            head = file.readline(100).removeprefix(BOM_UTF8).split(b",")
-            return head[0].strip() == b"scorer" or head[:2] == _SLEAP
-    except InputError:
-        return False
+    return _is_sleap(path) or _read_head(path)[0].strip() == b"scorer"
+
+
+def _is_sleap(path: Path) -> bool:
+    return path.suffix.lower() == ".csv" and _read_head(path)[:2] == _SLEAP
+
+
+def _read_head(path: Path) -> list[bytes]:
+    """Return the first cells of a text; none of a file that cannot be read."""
+    with suppress(InputError), open_input(path) as file:
+        return file.readline(100).removeprefix(BOM_UTF8).split(b",")
+    return [b""]
 
 
 def read_deeplabcut(path: Path, files: Sequence[Path]) -> RawKeypoints:
@@ -78,7 +85,7 @@ def read_deeplabcut(path: Path, files: Sequence[Path]) -> RawKeypoints:
                 f"{next(iter(parts_of))} ({join_names(first)})"
             )
         views[name] = views[name][:, :, [parts.index(part) for part in first]]
-    return RawKeypoints(path, first, views)
+    return RawKeypoints(path, first, views, sparse=all(map(_is_sleap, by_stem.values())))
 
 
 def _read_csv(path: Path) -> tuple[list[Column], np.ndarray]:

@@ -188,7 +188,7 @@ def read_alphapose(folder: Path, paths: Sequence[Path]) -> RawKeypoints | None:
     # Of a video it counts the pictures itself, from 0 on: 0.jpg, 1.jpg, ...
     first = 0 if counted else min(map(min, views.values()))
     people = {parts: _order_frames(folder, frames, first) for parts, frames in views.items()}
-    return _build_raw(folder, people)
+    return replace(_build_raw(folder, people), first=first, sparse=counted)
 
 
 def _list_alphapose(content: object) -> list[tuple[str, object]] | None:

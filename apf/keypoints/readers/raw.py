@@ -19,7 +19,7 @@ class RawKeypoints:
     persons, NaN where missing; F and N differ from camera to camera. named: whether these names
     identify the camera, or are only numbers. shares: whether x and y are shares of the picture's
     width and height. notes: remarks on what was guessed or left out. first: the number of the first
-    frame in the files' names.
+    frame in the files' names. sparse: whether frames without anybody are left out, also at the end.
     """
 
     path: Path
@@ -29,6 +29,7 @@ class RawKeypoints:
     shares: bool = False
     notes: tuple[str, ...] = ()
     first: int = 0
+    sparse: bool = False
 
     def __post_init__(self) -> None:
         if not self.views:
