@@ -101,7 +101,9 @@ def test_alphaposes_results_of_a_video(tmp_path: Path, form: str) -> None:
         }[form]
         path.write_text(json.dumps(content))
     same(Keypoints.open(tmp_path, RIG), written)
-    sequence = psfs.open_sequence(footage.native(tmp_path / "long", views=len(RIG), frames=FRAMES + 3))
+    sequence = psfs.open_sequence(
+        footage.native(tmp_path / "long", views=len(RIG), frames=FRAMES + 3)
+    )
     longer = Keypoints.open(tmp_path, sequence)
     np.testing.assert_array_equal(longer.points[:, :FRAMES], written.points)
     assert np.isnan(longer.points[:, FRAMES:]).all()
