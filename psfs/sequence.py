@@ -33,7 +33,7 @@ from psfs.footage.numbering import pair_by_number
 from psfs.footage.settings import MIXTURES, SequenceSettings, join_delays, split_delays
 from psfs.footage.sound import apply_sound
 from psfs.footage.threads import TIMEOUT_S, HangingError, Threads, prefetch
-from psfs.footage.timing import synchronise
+from psfs.footage.timing import Delay, synchronise
 
 #: Greatest memory and number of frames that are decoded ahead.
 _QUEUE_BYTES, _QUEUE_FRAMES = 256 * 2**20, 16
@@ -137,6 +137,10 @@ class Sequence:
         for name, by in zip(self.rig.names, own, strict=True):
             before, speed = delays.get(name, (0, 1))
             delays[name] = before + by, speed
+        return self.with_delays(delays)
+
+    def with_delays(self, delays: Mapping[str, Delay]) -> Sequence:
+        """Return the same views with these delays of their cameras, by name."""
         return self._again(self.settings.replace(sync=join_delays(delays)))
 
     def _again(self, settings: SequenceSettings) -> Sequence:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from cl import InputError
 from psfs.diagnostics.alignment import correct_rig
+from psfs.diagnostics.clocks import follow_clocks
 from psfs.diagnostics.fault import Fault
 from psfs.diagnostics.faults import Diagnosis, diagnose
 from psfs.diagnostics.occluders import find_hidden_pixels
@@ -99,7 +100,11 @@ def _correct_rig(session: Session, diagnosis: Diagnosis) -> Session:
 
 
 def synchronise(session: Session) -> Session:
-    """Return the session or, if `sync` is "auto", one whose late cameras are shifted."""
+    """Return the session or, if `sync` is "auto", one whose late cameras are shifted, and whose
+    cameras are followed where their clocks run differently."""
     if session.sequence.settings.sync != "auto":
         return session
-    return session.with_sequence(session.sequence.synchronise(diagnose(session).late))
+    found = diagnose(session)
+    if found.of_all is not None:
+        return session.with_sequence(session.sequence.synchronise(found.late))
+    return session.with_sequence(follow_clocks(session, found.late, len(found.views.frames)))

@@ -84,14 +84,15 @@ class SmallViews:
 
 
 def small_views(
-    sequence: Sequence, device: Device | NumpyDevice, config: FaultConfig | None = None
-) -> SmallViews:
-    """Compute the views of the middle of `sequence`, of as many frames as `FaultConfig` allows."""
+    sequence: Sequence, device: Device | NumpyDevice, config: FaultConfig | None = None,
+    frames: range | None = None,
+) -> SmallViews:  # fmt: skip
+    """Compute the views of `frames`, by default of some hundred in the middle of `sequence`."""
     config = config or FaultConfig()
     shrink = Shrink(sequence.rig, sequence.rig.factor_within(config.longest_side))
     background = shrink.background(sequence.background)
     begin = make_evidence_pipeline(device, shrink.small, background, SILHOUETTES)
-    frames = _select_frames(sequence)
+    frames = frames or _select_frames(sequence)
     kept = pick_evenly(len(frames), _KEPT)
     backgrounds = None if background is None else _grey(background.mean.astype(np.uint8))
     outlines, foreground, gains, changes, masks, pictures = [], [], [], [], [], []

@@ -20,6 +20,8 @@ INDEPENDENT_SHARE = 0.1
 _LEAST_OVERLAP = 0.4
 #: Stretches of frames by which an offset is tested, and interleaved parts that these make up.
 _BLOCKS, _FOLDS = 10, 5
+#: Greatest share by which a camera's clock runs differently.
+MOST_DRIFT = 0.01
 #: Variance, frames^2, of an offset that no evidence tells.
 _UNKNOWN = 1e6
 

@@ -14,9 +14,10 @@ from pathlib import Path
 import numpy as np
 
 from cl import InputError
-from psfs.footage.camera_times import MeasuredOffset, combine_offsets
+from psfs.footage.camera_times import MOST_DRIFT, MeasuredOffset, combine_offsets
 from psfs.footage.media import Media
 from psfs.footage.settings import SequenceSettings
+from psfs.footage.timing import describe_delays
 
 #: Samples per second that are compared, and the band that microphones of phones share, Hz.
 RATE, _BAND = 8000, (200, 3000)
@@ -25,9 +26,9 @@ _LONGEST = 600
 #: Least height of the correlation's peak beside its largest value elsewhere, by more than the
 #: width of a peak, s.
 _CLEAR, _WIDTH = 1.5, 0.05
-#: Most that a clock differs by; hops of a track in which onsets are counted; s of a window; s to
-#: which the drift over a track is measured.
-_MOST_DRIFT, _HOPS, _WINDOW, _FINE = 0.01, 12_000, 10, 1e-3
+#: Hops of a track in which onsets are counted; s of a window; s to which the drift over a track is
+#: measured.
+_HOPS, _WINDOW, _FINE = 12_000, 10, 1e-3
 #: Standard deviation of an offset, s: sound takes this long for 2 m.
 _TRAVEL = 0.006
 
@@ -47,10 +48,7 @@ def apply_sound(
     known = next((item.fps for item in media if item.fps), 30.0)
     rates = [settings.fps or item.fps or known for item in media]
     delays = measure_delays(media, rates)
-    shown = ", ".join(
-        f"{name} {late:+.2f}" + (f" (its clock runs {speed - 1:+.2%})" if speed != 1 else "")
-        for name, (late, speed) in delays.items()
-    )
+    shown = describe_delays(delays)
     note = f"late by the sound, in frames: {shown}; videos are shifted by whole frames"
     sync = {
         name: [round(by), speed] if speed != 1 else round(by)
@@ -188,7 +186,7 @@ def _search_speed(a: np.ndarray, b: np.ndarray) -> float:
     size = 1 << (len(first) + len(second)).bit_length()
     spectrum = np.conj(np.fft.rfft(first, size))
     places, step = np.arange(len(second)), 1 / max(len(first), 1)
-    speeds = 1 + step * np.arange(-round(_MOST_DRIFT / step), round(_MOST_DRIFT / step) + 1)
+    speeds = 1 + step * np.arange(-round(MOST_DRIFT / step), round(MOST_DRIFT / step) + 1)
     peaks = []
     for speed in speeds:
         stretched = np.interp(np.arange(0, len(second), speed), places, second)

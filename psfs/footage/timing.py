@@ -10,7 +10,7 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeAlias
 
@@ -40,11 +40,13 @@ class Timing:
     """The frame rates and delays of the cameras.
 
     rates: (V,) frames per second of each camera. late: (V,) by how many of its own frames each
-    camera is late. fps: of the sequence, the slowest rate.
+    camera is late. clocks: (V, F) the time of each frame by the camera's own clock, s. fps: of the
+    sequence, the slowest rate.
     """
 
     rates: tuple[float, ...]
     late: tuple[float, ...]
+    clocks: tuple[np.ndarray, ...] = ()
 
     @property
     def fps(self) -> float:
@@ -74,14 +76,18 @@ def synchronise(
     rates, clocks, notes = _read_clocks(kinds[0], fps, default)
     stamps = read_timestamps(footage)
     delays = [sync.get(name, (0, 1)) for name in names]
-    timing = Timing(tuple(rates), tuple(late for late, _ in delays))
-    times = [
-        (clock[: min(kind[view].count for kind in kinds)] - late / rates[view]) / speed
-        for view, (clock, (late, speed)) in enumerate(zip(stamps or clocks, delays, strict=True))
+    clocks = [
+        clock[: min(kind[view].count for kind in kinds)]
+        for view, clock in enumerate(stamps or clocks)
     ]
-    if any(timing.late):
-        shifts = [f"{name} {by:+g}" for name, by in zip(names, timing.late, strict=True) if by]
-        notes.append(f"cameras are shifted in time, in frames: {join_names(shifts)}")
+    timing = Timing(tuple(rates), tuple(late for late, _ in delays), tuple(clocks))
+    times = [
+        (clock - late / rate) / speed
+        for clock, rate, (late, speed) in zip(clocks, rates, delays, strict=True)
+    ]
+    if sync:
+        shifts = describe_delays({name: by for name, by in sync.items() if by != (0, 1)})
+        notes += [f"cameras are shifted in time, in frames: {shifts}"] if shifts else []
     common = min(map(len, times))
     furthest = max(abs(clock[:common] - times[0][:common]).max(initial=0) for clock in times)
     if stamps is None and furthest <= max(map(_usual_interval, times)) / 2:
@@ -100,7 +106,17 @@ def synchronise(
             f"{timing.fps:g} per second, at most {1000 * apart:.0f} ms apart"
             f"{_list_gaps(names, times)}"
         )
+    rows = np.array(picks).T
+    timing = replace(timing, clocks=tuple(c[row] for c, row in zip(clocks, rows, strict=True)))
     return footage.select(lambda _, view: [frame[view] for frame in picks]), timing, notes
+
+
+def describe_delays(delays: Mapping[str, Delay]) -> str:
+    """Return by how many frames cameras are late, and how differently their clocks run."""
+    return ", ".join(
+        f"{name} {late:+.4g}" + (f" (its clock runs {speed - 1:+.2%})" if speed != 1 else "")
+        for name, (late, speed) in delays.items()
+    )
 
 
 def _read_clocks(

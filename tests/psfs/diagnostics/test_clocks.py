@@ -1,0 +1,63 @@
+"""Cameras whose clocks run differently are followed by silhouettes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+from helpers import footage, scenes
+
+from cl import NumpyDevice
+from psfs.cameras.camera import CameraRig
+from psfs.diagnostics.examination import synchronise
+from psfs.sequence import Sequence
+from psfs.session import Session
+
+FRAMES, SIZE = 300, (96, 72)
+#: By how many frames cameras come later, and seconds that their clocks count in one.
+LATE, SPEEDS = np.array([0, 0, 3, 0]), np.array([1, 1, 1.008, 1])
+
+
+def film(folder: Path, rig: CameraRig) -> Path:
+    """Write masks of a block that wanders, turns and bobs, as cameras of these clocks show it."""
+    footage.write_toml(folder / "calibration.toml", footage.tables(rig))
+    (folder / "sequence.toml").write_text("fps = 30\n")
+    block = np.stack(np.meshgrid([-0.3, 0.2], [-0.15, 0.15], [0.1, 1.7]), -1).reshape(-1, 3)
+    for camera, late, speed in zip(rig, LATE, SPEEDS, strict=True):
+        (folder / "masks" / camera.name).mkdir(parents=True)
+        for frame in range(FRAMES):
+            time = (frame - late) / speed
+            sway = np.sin(time * np.array([[0.06, 0.11, 0.23], [0.05, 0.13, 0.19]]) + [[0], [2]])
+            moved = block @ cv2.Rodrigues(np.array([0, 0, 0.1 * time]))[0].T
+            moved += [*(0.25 * sway.sum(1)), 0.05 * sway[0, 2]]
+            mask = np.zeros(SIZE[::-1], np.uint8)
+            hull = cv2.convexHull(np.rint(camera.project(moved)[0]).astype(np.int32))
+            cv2.fillConvexPoly(mask, hull, 255)
+            assert cv2.imwrite(str(folder / "masks" / camera.name / f"{frame:04d}.png"), mask)
+    return folder
+
+
+def test_a_clock_that_runs_differently_is_followed(tmp_path: Path) -> None:
+    rig = CameraRig(
+        tuple(
+            replace(
+                scenes.looking_at(
+                    f"c{k}",
+                    np.array([3.2 * np.cos(1.3 * k), 3.2 * np.sin(1.3 * k), 1.0 + 0.4 * k]),
+                    np.array([0, 0, 0.9]), SIZE, 80.0,
+                ),
+                distortion=np.zeros(5),
+            )
+            for k in range(len(LATE))
+        )
+    )  # fmt: skip
+    opened = Sequence.open(film(tmp_path / "take", rig), sync="auto")
+    followed = synchronise(Session(opened, NumpyDevice())).sequence
+    ((name, (late, speed)),) = followed.settings.sync.items()
+    assert name == "c2" and abs(late - LATE[2]) < 0.4 and abs(speed - SPEEDS[2]) < 5e-4
+    (note,) = followed.timing_notes[:1]
+    assert "c2 +" in note and "(its clock runs +0." in note
+    times = (np.stack(followed.timing.clocks) * 30 - LATE[:, None]) / SPEEDS[:, None]
+    assert len(followed) > FRAMES - 10 and np.ptp(times, axis=0).max() < 0.8
