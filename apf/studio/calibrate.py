@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,7 +12,7 @@ import numpy as np
 
 from apf.studio.folders import CAMERAS
 from apf.studio.found_target import FoundTarget
-from apf.studio.target_fields import TargetFields
+from apf.studio.target_fields import PERSON, TargetFields
 from apf.studio.work import Work, WorkSlot, free_folder
 from cl import UserError
 from psfs.calibration.config import CalibrationConfig
@@ -27,7 +28,7 @@ from psfs.footage.settings import SequenceSettings
 from psfs.page.nodes import CameraNodes, add_floor
 from psfs.page.pictures import PictureReader, mosaic, small_pictures
 from psfs.page.timeline import TimeLine, add_key
-from psfs.page.words import make_lines, make_text
+from psfs.page.words import classify, make_lines, make_text
 from psfs.request import CalibrateRequest, frame_range
 from psfs.sequence import Frame
 from psfs.voxels.grid import VoxelGrid
@@ -91,12 +92,14 @@ class CalibrateView:
     def _add_controls(self, gui: viser.GuiApi) -> None:
         self._status = gui.add_html("")
         self.time_line = TimeLine(gui, np.arange(len(self.views)), self.views.fps, self._show)
-        self._words = gui.add_html(make_text("Say what was filmed, and look for it."))
-        with gui.add_folder("cameras that are known") as use:
-            self.cameras: Any = gui.add_dropdown("of", (_NONE, *self._known), initial_value=_NONE)
+        self._words = gui.add_html("")
+        with gui.add_folder("use known cameras", visible=bool(self._known)) as self._use_folder:
+            self.cameras: Any = gui.add_dropdown(
+                "calibration", (_NONE, *self._known), initial_value=_NONE
+            )
             self.use_button = gui.add_button("use these cameras", disabled=True)
-        with gui.add_folder("or calibrate them") as calibrate:
-            self.target = TargetFields(gui, self._known)
+        with gui.add_folder("calibrate the cameras") as calibrate:
+            self.target = TargetFields(gui, self._known, PERSON)
             self.search_button = gui.add_button("look for the target", hint="key: F")
             self.floor = gui.add_text(
                 "on the floor", "", hint="frame in which it lies there: Z = 0"
@@ -114,7 +117,10 @@ class CalibrateView:
         self.calibrate_button.on_click(lambda event: self.calibrate())
         self.target.kind.on_update(lambda event: self._show_fields())
         key = add_key(gui, "Look for the board or wand", "F", self.search)
-        self._parts: list[Any] = [self._status, self._picture, use, calibrate, self._words, key]
+        self._parts: list[Any] = [
+            self._status, self._picture, self._use_folder, calibrate, self._words, key,
+        ]  # fmt: skip
+        self._show_fields()
 
     def _show_fields(self) -> None:
         """Show what is asked of a target; somebody who walks is no target."""
@@ -193,18 +199,18 @@ class CalibrateView:
 
     def _follow(self, work: Work) -> None:
         """Follow a calibration to its end."""
-        self._tell("calibrating ...")
+        began = time.monotonic()
         while work.wait_for_news():
-            pass
+            self._tell(f"calibrating: {time.monotonic() - began:.0f} s; it may take minutes")
         kind = "good" if work.succeeded else "warning"
-        self._notes = [(kind, line) for line in work.words]
+        self._notes = [classify(line, kind) for line in work.words]
         if work.succeeded:
             file = work.output / CAMERAS
             CameraNodes(self._server.scene, read_calibration(file))
             self._known[work.output.name] = file
             self.cameras.options = (_NONE, *self._known)
-            self.cameras.value = work.output.name
-        self._tell("calibrated" if work.succeeded else "not calibrated")
+            self.cameras.value, self._use_folder.visible = work.output.name, True
+        self._tell("calibrated: use these cameras" if work.succeeded else "not calibrated")
 
     def _show(self, position: int) -> None:
         seconds = position / self.views.fps

@@ -40,8 +40,8 @@ _NOTHING, _LIVE = "(choose)", "the cameras, live"
 #: The way from footage to a file, and what to do at each of its steps.
 _STEPS = {
     "Open": "Choose a folder of videos or of results, or make the demo walk.",
-    "Calibrate": "Tab Watch: choose known cameras, or say what was filmed, then calibrate.",
-    "Track": "Tab Watch: does the silhouette show the person? Then tab Track: track.",
+    "Calibrate": "Choose what all cameras have filmed, and calibrate; or use known cameras.",
+    "Track": "At the left, raise silhouettes: do they show the person? Then tab Track: track.",
     "Check": "Tab Watch: play; N goes to the next frame to check. Then tab Save.",
     "Save": "The files are among the browser's downloads.",
 }
@@ -241,7 +241,7 @@ class Page(BrowserPage):
         )
         self._opened = _NOTHING
         self._message: Any = gui.add_html(make_text("Choose a folder to open."))
-        again = gui.add_button("look for new folders")
+        again = gui.add_button("look for new folders", color="gray")
         again.on_click(lambda event: self._list_again())
         self.demo_button: Any = gui.add_button(
             "demo walk",

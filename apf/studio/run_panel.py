@@ -20,7 +20,7 @@ from psfs.common.requests import Stated
 from psfs.diagnostics.sequence_info import find_keypoints
 from psfs.page.server import read_choice
 from psfs.page.timeline import add_key
-from psfs.page.words import make_lines, make_text
+from psfs.page.words import classify, make_lines, make_text
 from psfs.request import frame_range
 from psfs.sequence import Sequence
 
@@ -181,5 +181,5 @@ class RunPanel:
         self.progress.value = min(100.0, 100.0 * work.count_frames() / max(1, work.n_frames))
         kind = "warning" if work.ended and not work.succeeded else "note"
         lines: list[tuple[str, object]] = [(kind, work.describe())]
-        lines += [("note", line) for line in work.words]
+        lines += [classify(line, "note") for line in work.words]
         self._status.content = make_lines(lines) + make_text(shlex.join(work.command))

@@ -30,12 +30,12 @@ _MARKER = 0.75
 
 class TargetFields:
     """The fields, in the current folder of `gui`. lenses: calibrations by the names that are
-    offered."""
+    offered. kind: of the target, at first."""
 
-    def __init__(self, gui: viser.GuiApi, lenses: Mapping[str, Path]) -> None:
+    def __init__(self, gui: viser.GuiApi, lenses: Mapping[str, Path], kind: str = CHARUCO) -> None:
         self._lenses = lenses
         self.kind = gui.add_dropdown(
-            "by", (CHARUCO, CHESSBOARD, WAND, PERSON), initial_value=CHARUCO,
+            "by", (CHARUCO, CHESSBOARD, WAND, PERSON), initial_value=kind,
             hint="what is filmed by all cameras at once",
         )  # fmt: skip
         self.squares: Any = gui.add_vector2(
@@ -65,7 +65,7 @@ class TargetFields:
         self._show_fields()
         self.parts: list[Any] = [
             self.kind, self.squares, self.square, self.wand, self.stature, self.intrinsics,
-            self.field_of_view,            self.sound, self.board, self._problem,
+            self.field_of_view, self.sound, self.board, self._problem,
         ]  # fmt: skip
 
     @property

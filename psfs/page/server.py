@@ -38,10 +38,11 @@ class MissingViserError(InputError):
 
 
 class Gate:
-    """The check of each request: its path begins with the token, and its host is this machine."""
+    """The check of each request: its path begins with the token, and its host is this machine.
+    title: of the page, as the browser's tab has it."""
 
-    def __init__(self, token: str | None = None) -> None:
-        self.token = token or secrets.token_urlsafe(24)
+    def __init__(self, token: str | None = None, title: str = "psfs-apf") -> None:
+        self.token, self.title = token or secrets.token_urlsafe(24), title
 
     def strip_token(self, path: str, host: str) -> str | None:
         """Return the `path` of a request without the token; None if the request is to be refused.
@@ -120,7 +121,14 @@ def _serve_with_checks(gate: Gate) -> Iterator[None]:
             if path is None:
                 return connection.respond(http.client.FORBIDDEN, "the address lacks its token\n")
             request.path = path
-            return process_request(connection, request)
+            if path != "/" or "Upgrade" in request.headers:
+                return process_request(connection, request)
+            del request.headers["Accept-Encoding"]  # its page is to be read
+            answer = process_request(connection, request)
+            answer.body = answer.body.replace(b"<title>Viser", b"<title>" + gate.title.encode())
+            del answer.headers["Content-Length"]
+            answer.headers["Content-Length"] = str(len(answer.body))
+            return answer
 
         return serve(*args, process_request=check, **options)
 
@@ -145,7 +153,7 @@ class BrowserPage:
     """An empty page. label: above its panels. port: see `start_server`."""
 
     def __init__(self, label: str, port: int = 0) -> None:
-        self.gate = Gate()
+        self.gate = Gate(title=label)
         self.server = start_server(port, self.gate)
         gui = self.server.gui
         self._choose_theme(False)

@@ -31,6 +31,12 @@ def make_table(rows: Iterable[Sequence[object]], heading: Sequence[object] = ())
     )
 
 
+def classify(line: str, kind: str) -> tuple[str, str]:
+    """Return kind and text of a line that a command has printed; `kind` where it states none."""
+    stated, _, text = line.partition(": ")
+    return (stated, text) if stated in _SIGNS else (kind, line)
+
+
 def make_lines(lines: Iterable[tuple[str, object]]) -> str:
     """Return lines of text, each with its kind: a key of `_SIGNS`."""
     return _block("".join(f"<div>{_SIGNS[kind]} {escape(text)}</div>" for kind, text in lines))

@@ -19,7 +19,7 @@ from apf.studio.film import PERSON as PERSON_LIVE
 from apf.studio.film import TARGET, PersonCheck
 from apf.studio.folders import Roots, find_kind
 from apf.studio.page import Page
-from apf.studio.target_fields import CHESSBOARD, PERSON, WAND
+from apf.studio.target_fields import CHARUCO, CHESSBOARD, PERSON, WAND
 from cl import Device, InputError, NumpyDevice
 from psfs.calibration.targets.detection import open_uncalibrated
 from psfs.footage.settings import SequenceSettings
@@ -73,6 +73,7 @@ def test_board_is_found_and_cameras_are_used(day: Path, page: Page) -> None:
     page.open(day / "board")
     view = page.calibrate
     assert view is not None
+    view.target.kind.value = CHARUCO
     view.target.squares.value, view.target.square.value = SQUARES, SQUARE
     view.search()
     view.wait(60)
@@ -148,6 +149,7 @@ def test_fields_are_the_request_of_calibrate(day: Path, page: Page) -> None:
     page.open(day / "board")
     assert page.calibrate is not None
     fields = page.calibrate.target
+    fields.kind.value = CHARUCO
     assert fields.stated() == {"board": "charuco", "squares": (7, 5), "square": 0.037}
     name, content = fields.make_board()
     assert name == "board_7x5_37mm.pdf" and content.startswith(b"%PDF")
