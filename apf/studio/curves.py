@@ -27,6 +27,7 @@ _INK, _GRID = "#7d7d7d", "rgba(128,128,128,0.25)"
 #: Colours that colour-blind people distinguish, and dashes.
 _HUES = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9")
 _DASHES = ("solid", "dash", "dot", "dashdot")
+_BUTTONS = ["zoom", "pan", "zoomin", "zoomout", "autoscale", "resetscale", "toimage"]
 _MARGIN = {"l": 42, "r": 8, "t": 28, "b": 34}
 
 
@@ -96,6 +97,7 @@ def _small(figure: go.Figure) -> go.Figure:
         title_font_size=12,
         paper_bgcolor="rgba(0,0,0,0)",
         plot_bgcolor="rgba(0,0,0,0)",
+        modebar_remove=_BUTTONS,  # they would cover the title
     )
     figure.update_xaxes(gridcolor=_GRID, zeroline=False)
     figure.update_yaxes(gridcolor=_GRID, zeroline=False)

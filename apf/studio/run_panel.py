@@ -18,7 +18,7 @@ from apf.studio.work import Work, WorkSlot, free_folder
 from cl import InputError
 from psfs.common.requests import Stated
 from psfs.diagnostics.sequence_info import find_keypoints
-from psfs.page.server import read_choice
+from psfs.page.server import read_choice, read_metres
 from psfs.page.timeline import add_key
 from psfs.page.words import classify, make_lines, make_text
 from psfs.request import frame_range
@@ -55,9 +55,7 @@ class RunPanel:
             "preset", [_OURS, *PRESETS], initial_value=_OURS, hint="a paper's whole system"
         )
         self.frames = gui.add_text("frames", "", hint="a:b, counted from 0, b excluded; empty: all")
-        self.height = gui.add_number(
-            "height, m", 0.0, min=0.0, max=2.5, step=0.01, hint="of the person; 0: not known"
-        )
+        self.height = gui.add_text("height, m", "", hint="of the person; empty: not known")
         self.people = gui.add_dropdown("people", ["auto", "1", "2", "3", "4"], initial_value="auto")
         self.fast = gui.add_checkbox(
             "forward only", False, hint="half of the time, less accurate (--one-way)"
@@ -108,7 +106,7 @@ class RunPanel:
             "people": people if people == "auto" else int(people),
             "preset": None if preset == _OURS else preset,
             "frames": frame_range(text) if (text := self.frames.value.strip()) else None,
-            "height": self.height.value or None,
+            "height": next(iter(read_metres(self.height, "height")), None),
             "one_way": self.fast.value or None,
             "keypoints": None if found is None else str(found),
             "calibration": capture.calibration,

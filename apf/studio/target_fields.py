@@ -15,7 +15,7 @@ from psfs.calibration.targets.detection import Finder
 from psfs.calibration.targets.markers import MarkerFinder
 from psfs.calibration.targets.target import make_wand
 from psfs.common.files import temporary_folder
-from psfs.page.server import read_choice
+from psfs.page.server import read_choice, read_metres
 from psfs.page.words import make_text
 
 if TYPE_CHECKING:
@@ -82,7 +82,7 @@ class TargetFields:
         """Return the detector of the target. find_medians: returns each camera's grey picture (h,
         w) uint8 without what moves, for a wand. Raises InputError."""
         if self.kind.value == WAND:
-            target = make_wand(self._lengths())
+            target = make_wand(read_metres(self.wand, "wand's length"))
             return MarkerFinder(target, find_medians(), MarkerConfig())
         squares, square = self._squares(), float(self.square.value)
         if self.kind.value == CHESSBOARD:
@@ -97,7 +97,7 @@ class TargetFields:
             if not self.lenses_known and self.field_of_view.value > 0:
                 values["field_of_view"] = self.field_of_view.value
         elif kind == WAND:
-            values = {"wand": tuple(self._lengths())}
+            values = {"wand": tuple(read_metres(self.wand, "wand's length"))}
         else:
             values = {"board": _BOARDS[kind], "squares": self._squares()}
             values["square"] = float(self.square.value)
@@ -119,14 +119,6 @@ class TargetFields:
     def _squares(self) -> tuple[int, int]:
         columns, rows = self.squares.value
         return int(columns), int(rows)
-
-    def _lengths(self) -> list[float]:
-        try:
-            return [float(word) for word in self.wand.value.split(",")]
-        except ValueError:
-            raise InputError(
-                f"the wand's length is {self.wand.value!r}; expected metres, as 0.5 or 0.2,0.3"
-            ) from None
 
     def _show_fields(self) -> None:
         """Show the fields that the kind of target has."""

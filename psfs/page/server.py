@@ -106,6 +106,16 @@ def read_choice(dropdown: Any) -> str:
     return str(dropdown.value)
 
 
+def read_metres(field: Any, what: str) -> list[float]:
+    """Return the numbers of a text field, with commas between. Raises InputError, about `what`."""
+    try:
+        return [float(word) for word in field.value.split(",") if word.strip()]
+    except ValueError:
+        raise InputError(
+            f"the {what} is {field.value!r}; expected metres, as 0.5 or 0.2,0.3"
+        ) from None
+
+
 @contextmanager
 def _serve_with_checks(gate: Gate) -> Iterator[None]:
     """Have all servers that websockets starts inside check their requests by `gate`."""
@@ -114,7 +124,7 @@ def _serve_with_checks(gate: Gate) -> Iterator[None]:
     serve: Callable[..., object] = serving.serve
 
     def serve_checked(
-        *args: object, process_request: Callable[..., object], **options: object
+        *args: object, process_request: Callable[..., Any], **options: object
     ) -> object:
         def check(connection: Any, request: Any) -> Any:
             path = gate.strip_token(request.path, request.headers.get("Host", ""))
