@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import pickle
 import threading
+import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from multiprocessing import connection, get_context, parent_process
@@ -20,6 +21,8 @@ from psfs.common.system import changed_environment, defer_interrupts, handle_sig
 
 #: Time in which a stopped take writes what it has, s.
 _TO_WRITE = 60.0
+#: Time without a word from a take, s, after which its worker hangs: stages take minutes.
+_SILENCE = 1800.0
 
 
 class _Worker:
@@ -47,16 +50,18 @@ class _Worker:
 
     def do(self, task: Task, on_progress: Callable[[Progress], object]) -> Any:
         """Return the result of a task, or its exception. Raises EOFError or OSError if the process
-        dies."""
+        dies, TimeoutError if it hangs."""
         self.connection.send(task)
-        while isinstance(message := self.connection.recv(), Progress):
+        while self.connection.poll(_SILENCE):
+            if not isinstance(message := self.connection.recv(), Progress):
+                return message
             on_progress(message)
-        return message
+        raise TimeoutError
 
-    def wait(self) -> None:
-        """Wait until the process has ended, which is forced if it takes long."""
+    def wait(self, until: float = 0.0) -> None:
+        """Wait until the process has ended, which is forced at a time of time.monotonic."""
         try:
-            self.process.join(_TO_WRITE)
+            self.process.join(max(0.0, until - time.monotonic()))
         finally:
             self.process.kill()
             self.process.join()
@@ -96,8 +101,9 @@ class Processes(Pool):
                 raise TaskStopped(task.name)
             try:
                 outcome = worker.do(task, self._on_progress)
-            except (EOFError, OSError):
-                outcome = InputError(f"its worker, process {worker.process.pid}, died")
+            except (EOFError, OSError) as error:
+                why = "hangs" if isinstance(error, TimeoutError) else "died"
+                outcome = InputError(f"its worker, process {worker.process.pid}, {why}")
                 self._restart(worker)
             finally:
                 self._idle.put(worker)
@@ -121,8 +127,9 @@ class Processes(Pool):
         self._idle.put(None)
         for worker in self._workers:
             worker.process.terminate()
+        until = time.monotonic() + _TO_WRITE
         for worker in self._workers:
-            worker.wait()
+            worker.wait(until)
 
 
 def _serve(tasks: Connection) -> None:

@@ -260,7 +260,8 @@ def find_outlier(agreement: CameraAgreement) -> tuple[int, np.ndarray]:
     than with it: pseudo-values (S,) of the jackknife over frames.
 
     What the camera itself shows outside the hull of the others counts, if it is less: a camera
-    before which furniture stands only lacks what the others show.
+    before which furniture stands only lacks what the others show, and one that shows nobody in a
+    frame tells nothing there.
     """
     n = agreement.outside.shape[1]
     without = np.stack([agreement.without(view) for view in range(n)], -1)
@@ -268,7 +269,7 @@ def find_outlier(agreement: CameraAgreement) -> tuple[int, np.ndarray]:
     if not known.any():
         return 0, np.zeros(0)
     view = int(without[known].mean(0).argmin())
-    beside = np.nan_to_num(agreement.own[:, view], nan=1.0)
+    beside = np.nan_to_num(agreement.own[:, view])
     rows = np.column_stack([agreement.with_others(view), beside, without[:, view]])[known]
 
     def gain(shares: np.ndarray) -> float:

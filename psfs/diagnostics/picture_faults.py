@@ -37,7 +37,8 @@ _CROSS = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
 class Empty(FaultKind):
     """Pictures that show no person: of one brightness, foreground all over, or nobody in any.
 
-    Statistic: the pictures' deviation beside a sensor's noise; the median share of foreground.
+    Statistic: the pictures' deviation beside a sensor's noise; the median share of foreground;
+    outlines in two other cameras and none in this one.
     """
 
     kind = "empty"
@@ -45,6 +46,7 @@ class Empty(FaultKind):
     def find(self, evidence: Evidence) -> Iterator[Fault]:
         views, sequence = evidence.views, evidence.sequence
         shares = np.median(views.foreground, axis=0)
+        seen = np.array([[outline is not None for outline in row] for row in views.outlines])
         for view, (camera, name) in enumerate(zip(evidence.rig, evidence.names, strict=True)):
             width, height = camera.size
             if views.pictures is not None and (views.typical[view, :height, :width].std() < _NOISE):
@@ -59,7 +61,13 @@ class Empty(FaultKind):
                     why = "are its masks' black and white exchanged? Expected 255 for the person"
                 text = f"camera {name}: {shares[view]:.0%} of its picture looks like foreground"
                 yield Fault(self.kind, (name,), f"{text}; {why}", spoils=True)
-        if not any(outline for row in views.outlines for outline in row):
+            elif seen.any(0).sum() >= 2 and not seen[:, view].any():
+                text = (
+                    f"camera {name} shows nobody in {len(views.frames)} frames, others do; is it "
+                    "turned elsewhere, or does furniture stand before it?"
+                )
+                yield Fault(self.kind, (name,), text, spoils=True)
+        if not seen.any():
             text = (
                 f"nothing stands out from the background in {len(views.frames)} frames; expected "
                 f"{describe_expected_person(sequence)}"

@@ -213,6 +213,15 @@ def test_an_empty_room(tmp_path: Path, masks: np.ndarray) -> None:
     assert fault.kind == "empty" and fault.cameras == ()
 
 
+def test_a_camera_that_shows_nobody_is_not_accused_of_having_moved(
+    tmp_path: Path, masks: np.ndarray
+) -> None:
+    spoilt = masks.copy()
+    spoilt[:, 2] = 0
+    (fault,) = faults(write(tmp_path / "a", spoilt))
+    assert fault.kind == "empty" and fault.cameras == ("c2",) and fault.spoils
+
+
 def test_a_shift_is_measured_without_a_change_of_the_background() -> None:
     """OpenCV windows pictures of some sizes in place, which made a sound camera look knocked."""
     background = np.random.default_rng(0).random((240, 320)).astype(np.float32)
