@@ -114,8 +114,8 @@ class SearchConfig(Config):
             rate = getattr(self, name)
             if not rate > 1 / self.n_particles:
                 raise InputError(
-                    f"{name} is {rate}; expected between 1 / n_particles = "
-                    f"{1 / self.n_particles:.3g} and 1"
+                    f"n_particles is {self.n_particles}; expected more than {1 / rate:g}, of which "
+                    f"a share of {name} = {rate} survives"
                 )
         return self
 

@@ -225,7 +225,7 @@ def rank_starts(session: Session, progress: Callable[[], object] | None = None) 
         raise StartError(
             f"nobody is seen in {len(picked)} frames spread over the take: fewer than "
             f"{config.min_voxels} surface voxels in each; expected a person in view of all cameras "
-            "for a second"
+            f"for a second{', in the stated --volume' if session.sequence.volume else ''}"
         )
     quality = np.minimum(views / np.quantile(views[shown], 0.75, axis=0), 1).prod(1)
     lasting = config.duration * session.sequence.fps

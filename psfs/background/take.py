@@ -43,6 +43,7 @@ from psfs.background.pixel_densities import (
 )
 from psfs.cameras.camera import CameraRig
 from psfs.cameras.scaling import scale_picture
+from psfs.common.numbers import pick_evenly
 from psfs.footage.media import Media
 
 #: Longest side of the small pictures in which people are searched, px.
@@ -57,11 +58,10 @@ _UNIFORM_STD = 256 / np.sqrt(2 * np.pi) * np.exp(1 / 3)
 
 @dataclass(frozen=True, eq=False)
 class _View:
-    """A camera's samples: numbers of the frames, their light (n, LIGHT_FLOATS) relative to that of
-    their median, and small pictures (n, h, w, 3) uint8 relit by the median's light. film: moments
-    of a film of the empty scene in that light; None without a film."""
+    """A camera's samples: the frames' light (n, LIGHT_FLOATS) relative to that of their median, and
+    small pictures (n, h, w, 3) uint8 relit by the median's light. film: moments of a film of the
+    empty scene in that light; None without a film."""
 
-    numbers: list[int]
     light: np.ndarray
     small: np.ndarray
     film: Moments | None
@@ -92,15 +92,16 @@ def estimate_background_from_take(
     is unknown; it is extrapolated from around, or its density is lower than the foreground's.
     """
     factor = rig.factor_within(_LONGEST_SIDE)
+    numbers = pick_evenly(min(item.count for item in media), SAMPLES).tolist()
     with ThreadPoolExecutor(min(VIEWS_AT_ONCE, os.cpu_count() or 1)) as pool:
-        read = partial(_read_samples, factor=factor)
+        read = partial(_read_samples, numbers, factor)
         views = list(pool.map(read, media, films or [None] * len(media)))
         small = rig.scaled(factor)
-        count = min(len(view.small) for view in views)
-        frames = _stack([view.small[:count] for view in views], small)
+        frames = _stack([view.small for view in views], small)
         shown = [[scale_picture(of, factor) for of in view.film] for view in views if view.film]
         film = _stack([np.stack(of) for of in shown], small) if shown else None
-        moments = pool.map(_estimate_view, media, views, find_covered(small, frames, film, pool))
+        labels = find_covered(small, frames, film, pool)
+        moments = pool.map(partial(_estimate_view, numbers), media, views, labels)
         return Background(*stack_views(rig, moments))
 
 
@@ -171,18 +172,17 @@ def _maximise(
     return coverage.agreement, labels
 
 
-def _read_samples(media: Media, film: Media | None, factor: float) -> _View:
-    numbers = media.spread(SAMPLES)
+def _read_samples(numbers: list[int], factor: float, media: Media, film: Media | None) -> _View:
     frames = np.stack(list(media.frames(numbers)))
     median, _ = median_moments(frames)
     light = np.stack([_estimate_frame_light(frame, median) for frame in frames])
     relit = [relight_picture(frame, of) for frame, of in zip(frames, light, strict=True)]
     small = np.stack([scale_picture(picture, factor) for picture in relit])
     if film is None:
-        return _View(numbers, light, small, None)
+        return _View(light, small, None)
     mean, std = view_moments(film)
     gains, offsets = light_fields(_estimate_frame_light(mean, median), mean.shape)
-    return _View(numbers, light, small, ((mean - offsets) / gains, std / gains))
+    return _View(light, small, ((mean - offsets) / gains, std / gains))
 
 
 def _estimate_frame_light(frame: np.ndarray, median: np.ndarray) -> np.ndarray:
@@ -209,14 +209,14 @@ def _stack(pictures: list[np.ndarray], rig: CameraRig) -> np.ndarray:
     return stack
 
 
-def _estimate_view(media: Media, view: _View, labels: Labels) -> Moments:
+def _estimate_view(numbers: list[int], media: Media, view: _View, labels: Labels) -> Moments:
     """Return mean and standard deviation (h, w, 3) float32 of a view's background. Where the
     background is never visible, it is extrapolated; where that is not known, its density is below
     the foreground's."""
     frames = np.stack(
         [
             relight_picture(frame, light)
-            for frame, light in zip(media.frames(view.numbers), view.light, strict=True)
+            for frame, light in zip(media.frames(numbers), view.light, strict=True)
         ]
     )
     rows, columns = view.small.shape[1:3]

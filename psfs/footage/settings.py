@@ -231,7 +231,7 @@ def _check_sync(value: object) -> object:
     for name, delay in value.items():
         parts = delay if isinstance(delay, (list, tuple)) and len(delay) == 2 else (delay, 1)
         numbers = all(isinstance(n, (int, float)) and not isinstance(n, bool) for n in parts)
-        if not numbers or abs(parts[0]) > _MAX_DELAY or abs(parts[1] - 1) > _MAX_DRIFT:
+        if not (numbers and abs(parts[0]) <= _MAX_DELAY and abs(parts[1] - 1) <= _MAX_DRIFT):
             raise InputError(
                 f"sync of {name} is {delay!r}; expected a number of frames, or that and its "
                 f"clock's speed, {1 - _MAX_DRIFT:g} to {1 + _MAX_DRIFT:g}"
