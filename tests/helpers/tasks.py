@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import threading
 import time
 from pathlib import Path
 
@@ -40,6 +41,10 @@ def counted(path: str) -> int:
 
 def interrupted(progress: TaskProgress) -> None:
     raise KeyboardInterrupt
+
+
+def hang(progress: TaskProgress) -> None:
+    threading.Event().wait()
 
 
 def wait_for_stop(progress: TaskProgress, path: str) -> None:

@@ -13,7 +13,7 @@ from typing import Any
 
 import psutil
 import pytest
-from helpers.tasks import die_until, double, interrupted, raise_until, wait_for_stop
+from helpers.tasks import die_until, double, hang, interrupted, raise_until, wait_for_stop
 
 from apf.cli import main
 from apf.cluster.connection import DaskPool, connect_cluster
@@ -101,6 +101,13 @@ def test_stopped_takes_write_what_they_have(processes: Processes, tmp_path: Path
             waiting.result()
     assert all(worker.process.exitcode != -signal.SIGKILL for worker in processes._workers)
     assert (tmp_path / "file").read_text() == "frames so far"
+
+
+def test_a_task_that_hangs_is_ended(processes: Processes, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("apf.cluster.processes._SILENCE", 0.1)
+    monkeypatch.setattr("apf.cluster.processes.ATTEMPTS", 1)
+    with pytest.raises(InputError, match="hangs"):
+        processes.run(Task("hangs", hang))
 
 
 def test_a_job_goes_on_with_what_came_before(processes: Processes, tmp_path: Path) -> None:
