@@ -154,9 +154,7 @@ def make_observer(
     if observes == "voxels":
         if grid is None:
             raise InputError("no voxel grid; expected one for an objective over voxels")
-        return make_reconstructor(
-            device, footage.rig, grid, footage.background, reconstruction, sparse=True
-        )
+        return make_reconstructor(device, footage.rig, grid, footage.background, reconstruction)
     config = method.features
     if not footage.has_images:
         config = config.replace(edges="outline")

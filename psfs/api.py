@@ -47,7 +47,6 @@ def reconstruct(
     voxel_size: float | None = None,
     volume: tuple[np.ndarray, np.ndarray] | None = None,
     colour: bool = True,
-    sparse: bool = True,
     debris: float = DEBRIS_SHARE,
     all_cameras: bool = False,
     config: ReconstructionConfig | None = None,
@@ -61,8 +60,7 @@ def reconstruct(
     one. frames: those to reconstruct, all by default. voxel_size: edge of a voxel, m; by default 2
     cm for people. volume: lowest and highest corner (3,) m of the reconstructed box; by default the
     sequence's, or found around everybody. colour: give the clouds the pictures' colours, if there
-    are pictures. sparse: compute only bricks of voxels that can be occupied, which gives the same
-    voxels in less time and memory. debris: connected parts smaller than this share of the largest
+    are pictures. debris: connected parts smaller than this share of the largest
     are dropped, see `remove_debris`. all_cameras: keep cameras that disagree with the others; by
     default they are left out, with a warning in the log, see `examine`. config: settings of
     silhouettes and occupancy. track: folder of `apf track`, or its npz: the tracked body is a prior
@@ -89,7 +87,6 @@ def reconstruct(
         log.warning,
         None if track is None else TrackedBody.open(track),
         stated,
-        sparse,
     )
 
     def clouds() -> Iterator[VoxelCloud]:

@@ -37,14 +37,12 @@ def make_reconstructor(
     background: Background | None,
     config: ReconstructionConfig | None = None,
     *,
-    sparse: bool = False,
     body: TrackedBody | None = None,
 ) -> AnyReconstructor:
-    """Return the reconstructor of `device`: OpenCL's, or its NumPy twin, which has no sparse
-    mode."""
+    """Return the reconstructor of `device`: OpenCL's, or its NumPy twin."""
     if isinstance(device, NumpyDevice):
         return NumpyReconstructor(device, rig, grid, background, config, body=body)
-    return Reconstructor(device, rig, grid, background, config, sparse=sparse, body=body)
+    return Reconstructor(device, rig, grid, background, config, body=body)
 
 
 def make_division(

@@ -10,7 +10,6 @@ from typing import Protocol, TypeVar
 import numpy as np
 
 from cl import Device, InputError, NumpyDevice
-from psfs.backend import make_reconstructor
 from psfs.cameras.camera import CameraRig
 from psfs.common.files import resolve_path
 from psfs.common.numbers import pick_evenly
@@ -120,11 +119,9 @@ def prepare_reconstruction(
     warn: Callable[[str], object],
     body: TrackedBody | None = None,
     volume: Volume | None = None,
-    sparse: bool = True,
 ) -> Reconstruction:
     """Examine the footage, find the volume, unless it is stated, and make what reconstructs its
-    frames. body: a tracked body as a prior. sparse: compute only bricks of voxels that can be
-    occupied. Raises InputError."""
+    frames. body: a tracked body as a prior. Raises InputError."""
     session = open_session(request, sequence, device)
     examination, request, _ = examine_footage(request, session, warn)
     session = examination.session
@@ -142,11 +139,7 @@ def prepare_reconstruction(
     check_size(grid)
     if body is not None:
         check_body(session, body)
-    if sparse:
-        return Reconstruction(request, examination, grid, session.reconstructor(grid, body))
-    where = (session.device, session.rig, grid, session.background)
-    dense = make_reconstructor(*where, session.reconstruction, body=body)
-    return Reconstruction(request, examination, grid, dense)
+    return Reconstruction(request, examination, grid, session.reconstructor(grid, body))
 
 
 def select_frames(frames: slice | None, sequence: Sequence) -> range:

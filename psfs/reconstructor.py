@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 
@@ -14,13 +14,12 @@ from psfs.sequence import Frame, frame_input
 from psfs.silhouettes.appearance import follows, looks_again
 from psfs.silhouettes.silhouette import Silhouette
 from psfs.voxels.body_prior import BodyLocation, TrackedBody, pack_body
-from psfs.voxels.bricks import Bricks, Occupancy
+from psfs.voxels.bricks import Bricks
 from psfs.voxels.config import ReconstructionConfig
 from psfs.voxels.device_voxels import SilhouetteVoxels, Voxels
 from psfs.voxels.grid import VoxelGrid
 from psfs.voxels.moving_grid import GridFollower
 from psfs.voxels.sparse import SparseSurface
-from psfs.voxels.surface import Surface
 
 
 class Reconstructor:
@@ -29,11 +28,10 @@ class Reconstructor:
     If `background` is None, the frames' masks are the silhouettes. A call only enqueues work;
     nothing is copied to the host until `voxels.cloud()` is called.
 
-    sparse: compute only the bricks that can be occupied. This gives the same voxels in much less
-    time and memory on large grids (see `SparseSurface`). follow: move the grid with the person
-    along x and y, by whole voxels. This copies 16 bytes to the host per frame, and the grid needs
-    to be only as large as the person, not the room (see `GridFollower`). body: a tracked body as
-    a prior, from a first pass (see `psfs.voxels.body_prior`).
+    Only the bricks that can be occupied are computed (see `SparseSurface`). follow: move the grid
+    with the person along x and y, by whole voxels. This copies 16 bytes to the host per frame, and
+    the grid needs to be only as large as the person, not the room (see `GridFollower`). body: a
+    tracked body as a prior, from a first pass (see `psfs.voxels.body_prior`).
 
     The appearance model of the silhouettes is fitted to every frame for the next one (see
     `Foreground`), unless `AppearanceConfig.learn` is off. The first frame is reconstructed again,
@@ -51,7 +49,6 @@ class Reconstructor:
         background: Background | None,
         config: ReconstructionConfig | None = None,
         *,
-        sparse: bool = False,
         follow: bool = False,
         body: TrackedBody | None = None,
     ) -> None:
@@ -63,15 +60,7 @@ class Reconstructor:
         self.body = body
         self._packed_body, prior = self._attach_body()
         self._bricks = Bricks(device, rig, grid, maps, step, config.occupancy, body=prior)
-        self.surface: Surface | SparseSurface
-        self._stages: list[Callable[[], object]]
-        if sparse:
-            self.surface = SparseSurface(self._bricks)
-            self._stages = [self.surface]
-        else:
-            occupancy = Occupancy(self._bricks)
-            self.surface = Surface(device, grid.shape, occupancy.probability, config.occupancy)
-            self._stages = [occupancy, self.surface]
+        self.surface = SparseSurface(self._bricks)
         self.voxels: Voxels = SilhouetteVoxels(grid, self.silhouette, self.surface)
         self._follower = GridFollower(device, grid, self.surface.list) if follow else None
         self._uploads: Uploads | None = None
@@ -156,8 +145,7 @@ class Reconstructor:
         if self._body_location is not None:
             self._body_location()
         self.silhouette.compute()
-        for stage in self._stages:
-            stage()
+        self.surface()
 
     def stream(self, frames: Iterable[Frame]) -> Iterator[Voxels]:
         """Yield the voxels of every frame; the next frame is uploaded while the device computes."""

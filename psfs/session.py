@@ -188,7 +188,7 @@ class Session:
         return [found[index] for index in wanted]
 
     def reconstructor(self, grid: VoxelGrid, body: TrackedBody | None = None) -> FrameReconstructor:
-        """Return the sparse reconstructor of `grid`, in its initial state. body: a tracked body as
+        """Return the reconstructor of `grid`, in its initial state. body: a tracked body as
         a prior of the voxels.
 
         All stages share one reconstructor: the next stage overwrites the arrays that it computed
@@ -203,7 +203,6 @@ class Session:
         self._reconstructor = self._evidence_of = None
         self._reconstructor = make_reconstructor(
             *(self.device, self.rig, grid, self.background, self.reconstruction),
-            sparse=True,
             body=body,
         )
         return self._reconstructor

@@ -146,7 +146,7 @@ class VoxelObserver:
         """Make the observer of `persons`. follow: the grid moves with the only person."""
         reconstruct = Reconstructor(
             device, pictures.rig, grid, pictures.background, config.reconstruction,
-            sparse=True, follow=follow,
+            follow=follow,
         )  # fmt: skip
         parts: Sequence[CarvedVoxels] = [reconstruct.voxels]
         division = None

@@ -129,13 +129,13 @@ def _camera_defines(device: Device, n: int) -> dict[str, Define]:
     return {"CAMERA_ROOM": -(-n // _CAMERAS) * _CAMERAS}
 
 
-def lane_defines(device: Device, halo: int) -> dict[str, Define]:
+def lane_defines(device: Device) -> dict[str, Define]:
     """Return the definitions of a brick kernel's work-group: one work-item on CPUs; on GPUs enough
-    along z for a whole row of the brick, times several rows."""
-    depth = BRICK[2] + 2 * halo
+    along z for a whole row of the brick and the voxels around it, times several rows."""
     if not device.is_gpu:
-        return {"HALO": halo, "LANES": 1, "LANES_Z": 1}
-    return {"HALO": halo, "LANES": depth * (10 if halo else 8), "LANES_Z": depth}
+        return {"LANES": 1, "LANES_Z": 1}
+    depth = BRICK[2] + 2
+    return {"LANES": 10 * depth, "LANES_Z": depth}
 
 
 def count_bricks(shape: tuple[int, int, int]) -> tuple[int, int, int]:
@@ -179,39 +179,3 @@ def _polar(radius: float) -> tuple[np.ndarray, np.ndarray]:
     turn = np.linspace(0, 2 * np.pi, 72, endpoint=False)[:, None]
     r = np.tan(np.linspace(0, np.arctan(radius), 400))
     return r * np.cos(turn), r * np.sin(turn)
-
-
-class Occupancy:
-    """Computation of P(V = 1) of every voxel from the evidence maps.
-
-    probability: (nx + 2, ny + 2, nz + 2) float32. One layer of voxels around the grid is evaluated
-    as well, since the smoothing needs it: so a part of a grid gives the same voxels as the whole. A
-    voxel's posterior log-odds are logit(prior) + the evidence of the cameras whose picture contains
-    its projection; below `min_cameras` of them it is empty.
-
-    The grid is processed in bricks. If a camera's evidence is constant over the pixels that a brick
-    covers (by the least and greatest evidence in tiles of 8 x 8 and 32 x 32 px), it is added once
-    to the whole brick. Otherwise every voxel is projected, including lens distortion. There is no
-    table of pixels, which would take 4 bytes per voxel and camera.
-    """
-
-    def __init__(self, bricks: Bricks) -> None:
-        device, (nx, ny, nz) = bricks.device, bricks.shape
-        shape = (nx + 2, ny + 2, nz + 2)
-        self._bricks = bricks
-        self.probability = device.empty(shape, np.float32, f"a grid of {nx * ny * nz:,} voxels")
-        lanes = lane_defines(device, 0)
-        along, group = count_bricks(shape), int(lanes["LANES"])
-        self._launch = device.launch(
-            device.kernel("reconstruction/occupancy", "occupancy", **bricks.defines, **lanes),
-            (along[2] * group, along[1], along[0]),
-            (group, 1, 1),
-            **bricks.inputs,
-            evidence=bricks.evidence,
-            probability=self.probability,
-        )
-
-    def __call__(self) -> Array:
-        self._bricks()
-        self._launch()
-        return self.probability

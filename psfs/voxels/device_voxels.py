@@ -13,7 +13,6 @@ from psfs.silhouettes.silhouette import Silhouette
 from psfs.voxels.colour import SurfaceColour
 from psfs.voxels.grid import VoxelCloud, VoxelGrid
 from psfs.voxels.sparse import SparseSurface
-from psfs.voxels.surface import Surface
 
 
 class CarvedVoxels(Protocol):
@@ -57,7 +56,7 @@ class Voxels:
         rig: CameraRig,
         grid: VoxelGrid,
         evidence: Array,
-        surface: Surface | SparseSurface,
+        surface: SparseSurface,
     ) -> None:
         self.grid = grid
         self._counts: np.ndarray | None = None
@@ -86,7 +85,7 @@ class Voxels:
 
     @property
     def probability(self) -> Array:
-        """Smoothed occupancy (nx, ny, nz) float32. In sparse mode it is computed on access."""
+        """Smoothed occupancy (nx, ny, nz) float32, see `SparseSurface.probability`."""
         return self._surface.probability
 
     def colours(self) -> Array:
@@ -125,9 +124,7 @@ class Voxels:
 class SilhouetteVoxels(Voxels):
     """The voxels that a reconstructor carved from its silhouettes."""
 
-    def __init__(
-        self, grid: VoxelGrid, silhouette: Silhouette, surface: Surface | SparseSurface
-    ) -> None:
+    def __init__(self, grid: VoxelGrid, silhouette: Silhouette, surface: SparseSurface) -> None:
         super().__init__(silhouette.device, silhouette.rig, grid, silhouette.evidence, surface)
         self._silhouette = silhouette
         self._images: Array | None = None

@@ -26,7 +26,7 @@ class MeanPosition:
             device.kernel(
                 "reconstruction/surface",
                 "mean_position",
-                **{"LANES": lanes, "CLOSED": 0, "FACES": 0, "SAMPLES": SAMPLES},
+                **{"LANES": lanes, "CLOSED": 0, "SAMPLES": SAMPLES},
             ),
             (lanes,),
             (lanes,),

@@ -53,7 +53,7 @@ class SparseSurface:
         self._pool = device.empty((self.capacity, brick_voxels), np.float32, what)
         self._stored: dict[str, Argument] = {"grid": shape, "capacity": self.capacity}
         self._stored |= {"pool": self._pool, "slots": self.slots}
-        lanes = lane_defines(device, 1)
+        lanes = lane_defines(device)
         defines = {**bricks.defines, **lanes}
         find, group = int(defines["FIND_LANES"]), int(lanes["LANES"])
         coarse = [-(-n // c) for n, c in zip(along, COARSE_BRICK, strict=True)]
@@ -95,8 +95,19 @@ class SparseSurface:
         """Download the probabilities (count,) float32 of the surface voxels. Where memory did not
         suffice, they are the threshold, with a warning."""
         self._warn_of_room()
-        threshold = self._bricks.threshold
-        return self.list.gather(count, self._gather, threshold=threshold, **self._stored)
+        device = self._bricks.device
+        found = device.empty(max(1, count), np.float32, "the surface's probability")
+        device.launch(
+            self._gather,
+            (4096,),
+            (64,),
+            **self._stored,
+            threshold=self._bricks.threshold,
+            indices=self.list.indices,
+            n_surface=self.list.count,
+            out=found,
+        )()
+        return found.get(count)
 
     @property
     def probability(self) -> Array:

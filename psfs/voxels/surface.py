@@ -1,4 +1,4 @@
-"""Smoothing, threshold and surface voxels on an OpenCL device (Song et al. 2.2.2, last step)."""
+"""The list of surface voxels on an OpenCL device (Song et al. 2.2.2, last step)."""
 
 from __future__ import annotations
 
@@ -6,10 +6,9 @@ import math
 
 import numpy as np
 
-from cl import Array, Device, InputError, Kernel, Launch
+from cl import Array, Device, InputError
 from cl.signature import Argument
-from cl.workgroups import row_group, size_defines
-from psfs.voxels.config import OccupancyConfig
+from cl.workgroups import size_defines
 
 #: Number of voxels for which there is always memory; in larger grids for one in sixteen of the
 #: list, and one in eight of a sparse grid, if that is more.
@@ -30,9 +29,6 @@ class SurfaceList:
     ) -> None:
         nx, ny, _ = shape
         size = math.prod(shape)
-        self._device = device
-        self._gather: Launch | None = None
-        self._gathered: Array
         self.capacity = min(size, max(ROOM, size // 16))
         self.indices = device.empty(self.capacity, np.int32, f"the surface of {size:,} voxels")
         self.count = device.zeros(1, np.int32, "the number of surface voxels")
@@ -43,12 +39,7 @@ class SurfaceList:
         totals = device.empty((nx, 2), np.int32, "the slabs of the grid")
         rows = {"bits": bits, "starts": starts, "totals": totals}
         sizes: dict[str, Argument] = {"grid": shape}
-        defines = {
-            "LANES": lanes,
-            "CLOSED": int(closed),
-            "FACES": 1,  # of no use here; as by default, so that one program does
-            **size_defines(device, grid=shape),
-        }
+        defines = {"LANES": lanes, "CLOSED": int(closed), **size_defines(device, grid=shape)}
         listed = {"n_surface": self.count, "n_occupied": self.occupied, "found": self._found}
         listed["indices"] = self.indices
         room: dict[str, Argument] = {"capacity": self.capacity}
@@ -68,17 +59,6 @@ class SurfaceList:
         for launch in self._launches:
             launch()
 
-    def gather(self, count: int, kernel: Kernel, **source: Argument) -> np.ndarray:
-        """Download the `count` float32 values that `kernel` gathers from its `source` at the
-        surface voxels. Each call must pass the same kernel."""
-        if self._gather is None or self._gathered.size < count:
-            what = "the surface's probability"
-            self._gathered = out = self._device.empty(max(1, 2 * count), np.float32, what)
-            listed = {"indices": self.indices, "n_surface": self.count}
-            self._gather = self._device.launch(kernel, (4096,), (64,), **source, **listed, out=out)
-        self._gather()
-        return self._gathered.get(count)
-
     def check_room(self) -> None:
         """Raise InputError if the surface has more voxels than the list has room for. Waits for the
         device."""
@@ -88,56 +68,3 @@ class SurfaceList:
                 f"the surface has {found:,} voxels; expected at most {self.capacity:,} "
                 "(are the silhouettes full of noise?)"
             )
-
-
-class Surface:
-    """Computation of smoothed probability and surface voxels from the occupancy of the padded grid.
-
-    probability: (nx, ny, nz) float32, smoothed. list: the surface of the voxels above the
-    threshold.
-    """
-
-    def __init__(
-        self,
-        device: Device,
-        shape: tuple[int, int, int],
-        padded: Array,
-        config: OccupancyConfig | None = None,
-    ) -> None:
-        config = config or OccupancyConfig()
-        nx, ny, nz = shape
-        size, words = nx * ny * nz, -(-nz // 16)
-        self._device = device
-        self.probability = device.empty(shape, np.float32, f"a grid of {size:,} voxels")
-        bits = device.empty((nx, ny, words), np.uint16, f"a grid of {size:,} voxels")
-        self.list = SurfaceList(device, shape, bits, config.closed_surface)
-        closed, faces = int(config.closed_surface), int(config.smoothing == "faces")
-        defines = {"LANES": 1, "CLOSED": closed, "FACES": faces}
-        defines |= size_defines(device, grid=shape)
-        row, word = row_group(device), (64,)
-        smooth, threshold_, self._gather = (
-            device.kernel("reconstruction/surface", name, **defines)
-            for name in ("smooth", "threshold", "gather")
-        )
-        probability = {"probability": self.probability}
-        self._launches = [
-            device.launch(smooth, (nz, ny, nx), row, grid=shape, padded=padded, **probability),
-            device.launch(
-                threshold_,
-                (nx * ny * words,),
-                word,
-                grid=shape,
-                least=config.threshold,
-                **probability,
-                bits=bits,
-            ),
-        ]
-
-    def __call__(self) -> None:
-        for launch in self._launches:
-            launch()
-        self.list()
-
-    def surface_probability(self, count: int) -> np.ndarray:
-        """Download the probabilities (count,) float32 of the surface voxels."""
-        return self.list.gather(count, self._gather, probability=self.probability)

@@ -100,7 +100,7 @@ def measure_stream(
     scene = crowd.scene
     held = scene.pin(device)
     grid = VoxelGrid(_LOW, _VOXEL, SHAPE)
-    reconstruct = Reconstructor(device, scene.rig, grid, scene.background, sparse=True)
+    reconstruct = Reconstructor(device, scene.rig, grid, scene.background)
     method = Method()
     method = method.replace(filter=method.filter.scale_to_rate(FPS))
     people = PeopleTracker(device, scene.rig, reconstruct.voxels, crowd.bodies, method)

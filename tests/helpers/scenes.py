@@ -10,7 +10,10 @@ import numpy as np
 from psfs.background.gaussian import Background
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.sequence import Frame
+from psfs.voxels.bricks import Bricks
+from psfs.voxels.config import OccupancyConfig
 from psfs.voxels.grid import VoxelGrid
+from psfs.voxels.sparse import SparseSurface
 
 
 def frame(
@@ -86,6 +89,17 @@ def pictures_of(rig: CameraRig, seed: int = 0) -> tuple[Frame, Background]:
     images = np.where(masks[..., None] > 0, 128.0, mean + random.normal(0, 2, shape))
     pictures = np.clip(images, 0, 255).astype(np.uint8)
     return frame(images=pictures, masks=masks), Background(mean, std)
+
+
+#: With it no brick of voxels is left out, so that all can be compared with the twin.
+ALL_BRICKS = OccupancyConfig(threshold=1e-9)
+
+
+def carve(bricks: Bricks) -> np.ndarray:
+    """Smoothed probability (nx, ny, nz)."""
+    surface = SparseSurface(bricks)
+    surface()
+    return surface.probability.get()
 
 
 def patches_of_evidence(

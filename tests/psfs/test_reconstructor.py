@@ -60,12 +60,11 @@ def walk(rig, steps: int = 4):
     return frames
 
 
-@pytest.mark.parametrize("sparse", [False, True])
-def test_a_stream_gives_what_single_calls_give(device: Device, sparse: bool) -> None:
+def test_a_stream_gives_what_single_calls_give(device: Device) -> None:
     rig, grid = scenes.without_distortion(scenes.ring(4)), scenes.small_grid()
     frames = walk(rig)
     alone = Reconstructor(device, rig, grid, None)
-    streamed = Reconstructor(device, rig, grid, None, sparse=sparse)
+    streamed = Reconstructor(device, rig, grid, None)
     for frame, voxels in zip(frames, streamed.stream(frames), strict=True):
         expected, cloud = alone(frame).cloud(), voxels.cloud()
         np.testing.assert_array_equal(cloud.indices, expected.indices)
@@ -77,14 +76,13 @@ def test_a_stream_of_nothing(device: Device) -> None:
     assert not list(Reconstructor(device, rig, scenes.small_grid(), None).stream([]))
 
 
-@pytest.mark.parametrize("sparse", [False, True])
-def test_a_following_grid_keeps_the_person_inside(device: Device, sparse: bool) -> None:
+def test_a_following_grid_keeps_the_person_inside(device: Device) -> None:
     rig = scenes.without_distortion(scenes.ring(5))
     size = 0.05
     room = VoxelGrid.covering(np.array([-1.5, -1.5, 0.0]), np.array([1.5, 1.5, 1.8]), size)
     small = VoxelGrid(room.origin + size * np.array([16, 16, 0]), size, (28, 28, 36))
     whole = Reconstructor(device, rig, room, None)
-    follows = Reconstructor(device, rig, small, None, sparse=sparse, follow=True)
+    follows = Reconstructor(device, rig, small, None, follow=True)
     for frame in walk(rig, 6):
         expected, voxels = whole(frame).cloud(), follows(frame)
         cloud = voxels.cloud()
@@ -114,9 +112,7 @@ def test_many_frames_take_no_more_memory_than_fifty() -> None:
     picture, background = scenes.pictures_of(rig)
     frames = (scenes.frame(index, picture.images) for index in range(400))
     resident = {}
-    for done, voxels in enumerate(
-        Reconstructor(device, rig, grid, background, sparse=True).stream(frames), 1
-    ):
+    for done, voxels in enumerate(Reconstructor(device, rig, grid, background).stream(frames), 1):
         voxels.cloud(colour=True)
         resident[done] = int(statm.read_text().split()[1])
     assert resident[400] <= 1.1 * resident[50]

@@ -27,9 +27,7 @@ def session(walk: Path, device: Device) -> Session:
 
 def carved_anew(session: Session, grid: VoxelGrid, indices: range) -> list[CarvedFrame]:
     """The frames by a reconstructor that nobody else has used."""
-    reconstruct = make_reconstructor(
-        session.device, session.rig, grid, session.sequence.background, sparse=True
-    )
+    reconstruct = make_reconstructor(session.device, session.rig, grid, session.sequence.background)
     found = []
     for frame in session.sequence.select_frames(indices):
         voxels = reconstruct(frame)

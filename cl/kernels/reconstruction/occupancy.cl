@@ -1,20 +1,19 @@
 // Voxel occupancy, Song et al. eq. (3)-(9), brick by brick; twin: psfs/reference/surface.py.
 // Defines: CAMERA_ROOM, most cameras; FACES (see smoothing.h), UNKNOWN (see hidden.cl); BX BY BZ
 // voxels of a brick, CX CY CZ bricks of a coarse one; LANES items per work-group, LANES_Z of them
-// along z; NO_DISTORTION if no camera has any; HALO: 0 for dense, 1 for sparse; BODY: whether a
-// tracked body is a prior (see body_prior.h). The number of cameras is an argument, for GPUs
-// N_CAMERAS as well, see sizes.h.
+// along z; NO_DISTORTION if no camera has any; BODY: whether a tracked body is a
+// prior (see body_prior.h). The number of cameras is an argument, for GPUs N_CAMERAS as well, see
+// sizes.h.
 //
 // A CPU runs a work-group of one item, whose inner loops along z become vector code (branches are
 // selections for this reason). A camera whose evidence is the same all over a brick (mostly the
 // background's) is added once instead of being looked up for every voxel: that changes nothing
-// but the time. Dense and sparse mode share the functions that project and sum up, so that they
-// agree to the last bit (FP_CONTRACT OFF for more certainty costs PoCL its vector code).
+// but the time.
 #if !defined(BODY) || !defined(BX) || !defined(BY) || !defined(BZ) || !defined(CAMERA_FLOATS) || \
     !defined(CAMERA_ROOM) || !defined(CX) || !defined(CY) || !defined(CZ) || \
-    !defined(FIND_LANES) || !defined(HALO) || !defined(LANES) || !defined(LANES_Z) || \
+    !defined(FIND_LANES) || !defined(LANES) || !defined(LANES_Z) || \
     !defined(REACH_FLOATS) || !defined(UNKNOWN)
-#error "reconstruction/occupancy.cl needs BODY, BX, BY, BZ, CAMERA_FLOATS, CAMERA_ROOM, CX, CY, CZ, FIND_LANES, HALO, LANES, LANES_Z, REACH_FLOATS and UNKNOWN"
+#error "reconstruction/occupancy.cl needs BODY, BX, BY, BZ, CAMERA_FLOATS, CAMERA_ROOM, CX, CY, CZ, FIND_LANES, LANES, LANES_Z, REACH_FLOATS and UNKNOWN"
 #endif
 #include "common/lanes.h"
 #include "reconstruction/body_prior.h"
@@ -27,10 +26,10 @@
 #if BZ != 16
 #error "occupancy.cl: a brick's row along z is a word of 16 bits"
 #endif
-// Voxels of a brick, with its halo.
-#define DX (BX + 2 * HALO)
-#define DY (BY + 2 * HALO)
-#define DZ (BZ + 2 * HALO)
+// Voxels of a brick, with those around it, which the smoothing needs.
+#define DX (BX + 2)
+#define DY (BY + 2)
+#define DZ (BZ + 2)
 #define ROWS (DX * DY)
 #define BRICK_VOXELS (BX * BY * BZ)
 // A voxel's sum of evidence counts and, above it, the number of cameras that see it.
@@ -127,33 +126,6 @@ static inline float occupancy_of(int n_cameras, int min_cameras,
     return seeing >= min_cameras ? seen : 0.0f;
 }
 
-#if HALO == 0
-// All voxels of the padded grid, one work-group per brick.
-__kernel void occupancy(int2 picture, int3 grid, int n_cameras, int min_cameras,
-                        __global const float *restrict cameras,
-                        __global const float *restrict reach,
-                        __global const char2 *restrict tiles,
-                        __global const char *restrict evidence,
-                        __global const float *restrict table, // P(V=1) by sum of evidence
-                        __global const float *restrict geometry, // origin (3), voxel size
-                        __global const float *restrict body,
-                        __global float *restrict probability)
-{
-    SCRATCH int sums[ROWS * DZ], fixed[CAMERA_ROOM], open[CAMERA_ROOM];
-    const int lane = get_local_id(0);
-    const int x0 = get_group_id(2) * BX, y0 = get_group_id(1) * BY, z0 = get_group_id(0) * BZ;
-    sum_evidence(picture, n_cameras, cameras, reach, tiles, evidence, geometry, x0, y0, z0, sums,
-                 fixed, open);
-    ADD_BODY;
-    const int n_z = NZ + 2 - z0 < DZ ? NZ + 2 - z0 : DZ;
-    FOR_ROWS(row, ROWS) {
-        const int x = x0 + row / DY, y = y0 + row % DY;
-        if (x >= NX + 2 || y >= NY + 2) continue;
-        __global float *out = probability + (x * (NY + 2) + y) * (NZ + 2) + z0;
-        FOR_Z(z, n_z) out[z] = occupancy_of(n_cameras, min_cameras, table, sums[row * DZ + z]);
-    }
-}
-#else
 #define BRICKS_X ((NX + BX - 1) / BX)
 #define BRICKS_Y ((NY + BY - 1) / BY)
 #define BRICKS_Z ((NZ + BZ - 1) / BZ)
@@ -289,4 +261,3 @@ __kernel void sparse_occupancy(// constants
         SYNC;
     }
 }
-#endif

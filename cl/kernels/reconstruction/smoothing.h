@@ -1,5 +1,5 @@
-// The smoothing of the occupancy, the same sum in dense and sparse mode. Defines: FACES, 1 for the mean
-// over a voxel and its six neighbours, 0 for that over 3x3x3 voxels.
+// The smoothing of the occupancy. Defines: FACES, 1 for the mean over a voxel and
+// its six neighbours, 0 for that over 3x3x3 voxels.
 #ifndef FACES
 #error "reconstruction/smoothing.h needs FACES"
 #endif

@@ -1,39 +1,12 @@
-// From occupancy to surface voxels: smoothing, threshold, removal of the inside, stream
-// compaction in ascending order. Twin: psfs/reference/surface.py. The grid is that
-// without padding. Defines: LANES; CLOSED (0 or 1); that of smoothing.h.
+// From occupied voxels to surface voxels: removal of the inside, stream compaction in ascending
+// order. Twin: psfs/reference/surface.py. Defines: LANES; CLOSED (0 or 1).
 // Occupied voxels are bits: WORDS ushorts per row along z, voxel z is bit z % 16 of word z / 16.
 #if !defined(CLOSED) || !defined(LANES)
 #error "reconstruction/surface.cl needs CLOSED and LANES"
 #endif
 #include "common/lanes.h"
 #include "common/sizes.h"
-#include "reconstruction/smoothing.h"
 #define WORDS ((NZ + 15) / 16)
-
-// Smoothed occupancy; `padded` has one more layer on every side.
-__kernel void smooth(int3 grid, __global const float *restrict padded, __global float *restrict probability)
-{
-    const int z = get_global_id(0), y = get_global_id(1), x = get_global_id(2);
-    if (z >= NZ || y >= NY || x >= NX) return;
-    __global const float *p = padded + ((x + 1) * (NY + 2) + y + 1) * (NZ + 2) + z + 1;
-    probability[(x * NY + y) * NZ + z] = SMOOTHED(p, (NY + 2) * (NZ + 2), NZ + 2);
-}
-
-// Bits of the occupied voxels, one item per word.
-__kernel void threshold(int3 grid, float least, __global const float *restrict probability,
-                        __global ushort *restrict bits)
-{
-    const int word = get_global_id(0);
-    if (word >= NX * NY * WORDS) return;
-    const int row = word / WORDS, z0 = word % WORDS * 16;
-    __global const float *p = probability + row * NZ + z0;
-    uint mask = 0;
-    if (z0 + 16 <= NZ)
-        for (int z = 0; z < 16; ++z) mask |= (uint)(p[z] > least) << z;
-    else
-        for (int z = 0; z < NZ - z0; ++z) mask |= (uint)(p[z] > least) << z;
-    bits[word] = (ushort)mask;
-}
 
 // The voxels of a word that are occupied together with both neighbours along z.
 static inline uint within_row(int3 grid, __global const ushort *restrict bits, int at, int word)
@@ -136,16 +109,6 @@ __kernel void list_surface(int3 grid, int capacity,
                 ++at;
             }
     }
-}
-
-// Probabilities of the surface voxels, in their order.
-__kernel void gather(__global const float *restrict probability,
-                     __global const int *restrict indices, __global const int *restrict n_surface,
-                     __global float *restrict out)
-{
-    const int n = *n_surface;
-    for (int i = get_global_id(0); i < n; i += get_global_size(0))
-        out[i] = probability[indices[i]];
 }
 
 #ifdef SAMPLES

@@ -50,7 +50,7 @@ class Film:
 
     def __init__(self, world: World, offsets: Sequence[float]) -> None:
         self.world, self.offsets = world, offsets
-        self.carve = Reconstructor(world.device, world.rig, world.grid, None, sparse=True)
+        self.carve = Reconstructor(world.device, world.rig, world.grid, None)
 
     def pose(self, person: int, frame: int) -> np.ndarray:
         """The pose of a person, moved aside."""

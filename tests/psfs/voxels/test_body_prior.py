@@ -19,11 +19,9 @@ from psfs.reference.surface import occupancy, smooth
 from psfs.sequence import Frame
 from psfs.silhouettes.appearance import ForegroundPrior
 from psfs.voxels.body_prior import BESIDE, INSIDE, BodyLocation, TrackedBody, pack_body
-from psfs.voxels.bricks import Bricks, Occupancy
+from psfs.voxels.bricks import Bricks
 from psfs.voxels.config import OccupancyConfig, ReconstructionConfig
 from psfs.voxels.grid import VoxelCloud, VoxelGrid
-from psfs.voxels.sparse import SparseSurface
-from psfs.voxels.surface import Surface
 
 RIG, GRID, WHOLE = scenes.ring(5), scenes.small_grid(), ReconstructionConfig()
 EVIDENCE = WHOLE.silhouette.evidence
@@ -60,34 +58,32 @@ def test_counts_fall_from_inside_to_outside() -> None:
     assert not body_evidence(ray, CONES[3:], STEP).any()
 
 
-@pytest.mark.parity("reconstruction/occupancy.occupancy", "reconstruction/occupancy.find_bricks")
+@pytest.mark.parity(
+    "reconstruction/occupancy.sparse_occupancy", "reconstruction/occupancy.find_bricks"
+)
 @pytest.mark.parametrize(
     ("known", "grid"),
     [(3, GRID), (4, GRID), (0, GRID), pytest.param(3, scenes.small_grid(0.15), id="small")],
 )
 def test_agrees_with_the_twin(device: Device, known: int, grid: VoxelGrid) -> None:
-    """All cones known, one lost, none known; the sparse mode leaves no brick out."""
+    """All cones known, one lost, none known; no brick is left out."""
     evidence, config = scenes.patches_of_evidence(RIG, 5, 8), OccupancyConfig()
     cones = CONES[:known] if known else CONES[3:].repeat(4, 0)
     packed = device.zeros((5, 16), np.float32)
     packed.set(np.vstack([pack_body(WHOLE, cones), np.zeros((5, 16))])[:5].astype("f4"))
     maps = device.to_device(evidence)
-    bricks = Bricks(device, RIG, grid, maps, STEP, config, body=packed)
-    dense = Occupancy(bricks)
-    found = dense().get()
+    found = scenes.carve(Bricks(device, RIG, grid, maps, STEP, scenes.ALL_BRICKS, body=packed))
     expected = occupancy(
         *(RIG, grid, evidence, STEP, config),
         body=lambda points: body_evidence(points, cones, STEP),
     )
-    assert (np.abs(found - expected) > 1e-5).mean() < 2e-3
+    smoothed = smooth(expected, True)
+    assert (np.abs(found - smoothed) > 1e-5).mean() < 1e-2
     plain = occupancy(RIG, grid, evidence, STEP, config)
     assert (np.abs(plain - expected) > 1e-5).any() == (known > 0)
-    surface, sparse = Surface(device, grid.shape, dense.probability, config), SparseSurface(bricks)
-    surface(), sparse()
-    count = int(surface.list.count.get()[0])
-    assert sparse.list.count.get()[0] == count
-    np.testing.assert_array_equal(sparse.list.indices.get(count), surface.list.indices.get(count))
-    assert (count > 0) == (smooth(expected, True) > config.threshold).any()
+    few = scenes.carve(Bricks(device, RIG, grid, maps, STEP, config, body=packed))
+    np.testing.assert_array_equal(few[found > config.threshold], found[found > config.threshold])
+    assert (few <= found).all()
 
 
 def test_the_distance_of_a_ray_is_the_least_along_it() -> None:
@@ -124,7 +120,7 @@ def test_the_location_agrees_with_the_twin(device: Device, known: int) -> None:
 
 
 def carve(device: Device | NumpyDevice, body: TrackedBody | None, frame: Frame) -> VoxelCloud:
-    return make_reconstructor(device, RIG, GRID, None, sparse=True, body=body)(frame).cloud()
+    return make_reconstructor(device, RIG, GRID, None, body=body)(frame).cloud()
 
 
 def test_a_part_that_one_camera_denies_stays(device: Device) -> None:
@@ -152,9 +148,7 @@ def test_pictures_are_judged_by_where_the_body_is(device: Device) -> None:
     config = ReconstructionConfig()
     frame, evidence = replace(picture, index=4), []
     for where, body in ((device, BODY), (NumpyDevice(), BODY), (device, None)):
-        reconstruct = make_reconstructor(
-            where, RIG, GRID, background, config, sparse=True, body=body
-        )
+        reconstruct = make_reconstructor(where, RIG, GRID, background, config, body=body)
         reconstruct(frame)
         evidence.append(reconstruct.evidence().astype(int))
     found, expected, without = evidence

@@ -82,7 +82,7 @@ def test_each_persons_voxels_equal_the_twins(device: Device) -> None:
     spheres = np.array([[[0.0, 0.0, 0.5, 0.4]], [[0.0, 0.0, 1.4, 0.3]]], np.float32)
     clouds = []
     for reconstruct in (
-        Reconstructor(device, rig, GRID, None, sparse=True),
+        Reconstructor(device, rig, GRID, None),
         NumpyReconstructor(NumpyDevice(), rig, GRID, None),
     ):
         reconstruct(frame)
