@@ -12,8 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cl.array import Array
-from cl.device import Device
-from cl.fill import Fill
+from cl.device import Device, Fill
 from cl.launch import Launch, Step
 from cl.signature import KERNEL, Argument, Parameter, signatures, without_comments
 from cl.staging import Copy

@@ -18,7 +18,6 @@ import pyopencl
 
 from cl.array import Array
 from cl.errors import DeviceError, raise_device_errors
-from cl.fill import Fill, Fills
 from cl.launch import Kernel, Launch, Step
 from cl.listing import (
     DeviceInfo,
@@ -39,6 +38,17 @@ class NumpyDevice:
     """The NumPy twins as a device, so that `numpy` can be chosen like any other."""
 
     name: str = "numpy"
+
+
+@dataclass(frozen=True)
+class Fill:
+    """A fill of an array, done when called."""
+
+    array: Array
+    value: float
+
+    def __call__(self) -> None:
+        self.array.fill(self.value)
 
 
 @dataclass
@@ -123,7 +133,6 @@ class Device:
         self._allocated = [0]
         self._allocate: Callable[[int], tuple[Any, int]] | None = None
         self.n_sharing = 1
-        self._fills = Fills()
 
     @classmethod
     def best(cls, profile: bool = False) -> Device:
@@ -224,11 +233,6 @@ class Device:
         """Whether the device is a GPU."""
         return self.info.kind == "gpu"
 
-    @property
-    def cpu_cores(self) -> int:
-        """The cores of a CPU; 0 of a GPU."""
-        return 0 if self.is_gpu else self.info.compute_units
-
     # Memory ---------------------------------------------------------------------------------
 
     def empty(
@@ -268,7 +272,14 @@ class Device:
         if self.collected is not None:
             self.collected.append(Fill(array, value))
             return
-        self._fills.fill(self, array, value)
+        if not array.nbytes:
+            return
+        pattern = np.array(value, array.dtype)
+        with raise_device_errors(self.name, "a fill"):
+            event = pyopencl.enqueue_fill_buffer(
+                self.queue, array.whole, pattern, array.start, array.nbytes
+            )
+        self.record("fill", event)
 
     def to_device(self, host: np.ndarray, what: str = "an array") -> Array:
         """Return a new array with the content of `host`, see `empty`."""

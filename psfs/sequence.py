@@ -25,10 +25,10 @@ from psfs.cameras.camera import CameraRig
 from psfs.cameras.units import metres_per_unit, rotate_rig, rotation_to_z_up
 from psfs.common.files import resolve_path
 from psfs.common.ranges import check_kind
+from psfs.common.system import physical_memory
 from psfs.footage.frame import Frame as Frame
 from psfs.footage.layouts import Footage, find_layout
 from psfs.footage.media import Decoder, Media, pad_pictures
-from psfs.footage.memory import FRAME_MEMORY, frame_memory_limit
 from psfs.footage.numbering import pair_by_number
 from psfs.footage.settings import MIXTURES, SequenceSettings, join_delays, split_delays
 from psfs.footage.sound import apply_sound
@@ -39,6 +39,14 @@ from psfs.footage.timing import Delay, synchronise
 _QUEUE_BYTES, _QUEUE_FRAMES = 256 * 2**20, 16
 #: Frame rate of a camera that states none, that of most, frames/s.
 DEFAULT_FPS = 30.0
+
+
+def frame_memory_limit() -> float:
+    """Return how many bytes the frames of a sequence may take.
+
+    With one process per core, all frames together then take a quarter of the machine's memory.
+    """
+    return min(2**30, physical_memory() / (4 * (os.cpu_count() or 1)))
 
 
 def frame_input(frame: Frame, background: Background | None) -> np.ndarray:
@@ -194,7 +202,7 @@ class Sequence:
         shape = (len(self), len(self.rig), self.rig.height, self.rig.width, 3)
         without_masks = self.background_kind in ("gaussian", "frames", "chroma")
         if without_masks and 0 < math.prod(shape) <= frame_memory_limit():
-            self._kept = FRAME_MEMORY.array(shape)
+            self._kept = np.empty(shape, np.uint8)
             self._is_kept = np.zeros(len(self), bool)
 
     @property

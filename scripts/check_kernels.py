@@ -51,8 +51,6 @@ SUPPRESSED = {
     # Follows what other items lower by atomic_min (union-find, Komura 2015).
     "image/features.blob_region": "data race",
 }
-#: Built for CPUs alone: OpenCL's own command fills a GPU's memory.
-ON_CPUS = {"common/fill.fill_words"}
 #: Oclgrind takes minutes for the pixels of the scene; tests of this name have few.
 _SMALL = "small"
 #: Functions of OpenCL C, whose names are mangled, and those of LLVM may be left to the linker.
@@ -315,10 +313,7 @@ def table(kernels: Iterable[str], columns: Sequence[str], findings: Findings) ->
 
 
 def verdict(kernel: str, column: str, findings: Findings) -> str:
-    """Return ok, or how many different things are wrong, or that nothing was tried; ok without
-    more for a kernel that no GPU runs."""
-    if kernel in ON_CPUS:
-        return "ok (CPUs alone)"
+    """Return ok, or how many different things are wrong, or that nothing was tried."""
     if wrong := findings.wrong.get((kernel, column), ()):
         return f"{len(wrong)} wrong"
     if column == "oclgrind":

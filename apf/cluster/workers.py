@@ -10,7 +10,6 @@ from apf.cluster import CORES_BESIDE_GPU, PER_GPU
 from cl import Device, NumpyDevice, list_devices, select_device
 from psfs.common.ranges import check_number
 from psfs.common.system import keep_freed_memory, list_own_cores, pin_to_cores
-from psfs.footage.memory import FRAME_MEMORY
 
 #: Most workers of one machine.
 MOST_WORKERS = 1000
@@ -89,7 +88,6 @@ def keep_memory() -> None:
     pages of every picture again. Diagnosing 120 frames of 8 cameras and tracking 10 of them took
     1.3 million page faults and 3.2 s of a core, with kept memory 0.06 million and 0.6 s.
     """
-    FRAME_MEMORY.keep = True
     keep_freed_memory(_KEPT_BYTES)
 
 

@@ -14,7 +14,6 @@ import pyopencl
 import pytest
 
 import cl.device
-import cl.fill
 import cl.listing
 import cl.program
 from cl import Device, DeviceError, list_devices, select_device
@@ -57,20 +56,6 @@ __kernel void sizes(__global int *out)
 
 
 # Choice ------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parity("common/fill.fill_words")
-@pytest.mark.parametrize("dtype", [np.uint8, np.int16, np.float32])
-def test_large_arrays_are_filled_by_all_cores(
-    device: Device, dtype: type, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(cl.fill, "_MANY", 1)
-    if device.is_gpu:
-        pytest.skip("a GPU fills by OpenCL's own command")
-    array = device.zeros((1_000_003,), dtype)
-    for value in (7, 0, 100):
-        array.fill(value)
-        assert (array.get() == np.full(1_000_003, value, dtype)).all()
 
 
 def test_best_is_the_first_of_the_list() -> None:

@@ -14,6 +14,7 @@ from helpers import footage, scenes
 from helpers.shared import shared_data
 from PIL import Image
 
+import psfs.sequence
 from cl import InputError
 from psfs.background import gaussian
 from psfs.background.gaussian import (
@@ -23,7 +24,6 @@ from psfs.background.gaussian import (
     median_moments,
 )
 from psfs.common.pictures import read_picture
-from psfs.footage import memory
 from psfs.footage.media import open_media
 from psfs.footage.threads import prefetch
 from psfs.footage.video import VideoDecoder
@@ -112,24 +112,10 @@ def test_frames_that_are_kept_are_decoded_once(
 
 
 def test_the_room_for_frames_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(memory.os, "cpu_count", lambda: 16)
+    monkeypatch.setattr(psfs.sequence.os, "cpu_count", lambda: 16)
     for there, room in ((2**34, 2**28), (2**40, 2**30)):
-        monkeypatch.setattr(memory, "physical_memory", lambda there=there: there)
-        assert memory.frame_memory_limit() == room
-
-
-def test_memory_of_frames_serves_the_next_sequence() -> None:
-    frames = memory.FrameMemory()
-    frames.keep = True
-    first = frames.array((4, 2, 6, 3))
-    place, seen = first.ctypes.data, first[1][2:]  # which somebody still looks at
-    del first
-    second = frames.array((4, 2, 6, 3))
-    assert not np.may_share_memory(seen, second)
-    del second, seen
-    assert frames.array((3, 2, 6, 3)).ctypes.data == place
-    frames.keep = False
-    assert frames.array((9, 2, 6, 3)).shape == (9, 2, 6, 3)  # larger than what is kept
+        monkeypatch.setattr(psfs.sequence, "physical_memory", lambda there=there: there)
+        assert psfs.sequence.frame_memory_limit() == room
 
 
 def test_native_images_masks_and_one_plate(tmp_path: Path) -> None:
