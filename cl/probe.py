@@ -43,10 +43,6 @@ _VALUES = 4096
 _TOLERANCE = 1e-3
 _SECONDS_AT_MOST = 180
 _FAULT_HOLDS_SECONDS = 3600
-_BYTES = 32 << 20
-_STEPS = 512
-_REPEATS = 5
-_MULTIPLIERS = 1 << 16
 _RUN_MODULE = (
     "import sys; sys.path = [place for place in sys.path if place]; import runpy; "
     "runpy.run_module(sys.argv.pop(1), run_name='__main__', alter_sys=True)"
@@ -62,15 +58,12 @@ class Probe:
     fault: why it cannot be used, a phrase of one line; None if it works.
     target: the processor that PoCL's wheel has to compile for, see `cl.pocl_wheel`; None if its own
         choice works, and for other drivers.
-    bandwidth: GB/s read and written by a copy; gflops: GFLOP/s of multiply-adds; 0 if it fails.
     tried_at: seconds since 1970.
     stopped: whether somebody else ended the process, so that nothing is known of the device.
     """
 
     fault: str | None
     target: str | None = None
-    bandwidth: float = 0.0
-    gflops: float = 0.0
     tried_at: float = field(default_factory=time.time)
     stopped: bool = False
 
@@ -182,14 +175,10 @@ def examine(handle: Any, target: str | None = None) -> Probe:
         context = pyopencl.Context([handle])
         queue = pyopencl.CommandQueue(context)
         source = kernel_source("common/probe")
-        options = build_options({"GROUP": _GROUP, "STEPS": _STEPS})
+        options = build_options({"GROUP": _GROUP})
         program = build_program(context, source, options)
         wrong = _find_wrong_values(queue, program)
-        if wrong is not None:
-            return Probe(wrong)
-        return Probe(
-            None, target, _measure_bandwidth(queue, program), _measure_gflops(queue, program)
-        )
+        return Probe(wrong, None if wrong else target)
     except pyopencl.Error as error:
         return Probe(f"a first small kernel fails: {_pick_line(error)}")
 
@@ -218,38 +207,9 @@ def expected_sums(values: np.ndarray) -> np.ndarray:
     return (np.exp(-x) + np.sin(x)).reshape(-1, _GROUP * 16).sum(1)
 
 
-def _measure_bandwidth(queue: Any, program: Any) -> float:
-    """Return GB/s of a copy on the device, bytes read and written."""
-    source, to = (_make_buffer(queue, np.zeros(_BYTES, np.uint8)) for _ in range(2))
-    kernel = pyopencl.Kernel(program, "copy")
-    kernel.set_args(np.int32(_BYTES // 16), source, to)
-    return 2 * _BYTES / _measure_seconds(queue, kernel, _BYTES // 16) / 1e9
-
-
-def _measure_gflops(queue: Any, program: Any) -> float:
-    """Return GFLOP/s of multiply-adds in single precision."""
-    n = _MULTIPLIERS * (16 if queue.device.type & pyopencl.device_type.GPU else 1)
-    kernel = pyopencl.Kernel(program, "multiply_add")
-    out = _make_buffer(queue, np.zeros(n, np.float32))
-    kernel.set_args(np.int32(n), np.float32(0.999), np.float32(0.5), out)
-    return n * _STEPS * 8 * 2 / _measure_seconds(queue, kernel, n) / 1e9
-
-
 def _make_buffer(queue: Any, host: np.ndarray) -> Any:
     flags = pyopencl.mem_flags.READ_WRITE | pyopencl.mem_flags.COPY_HOST_PTR
     return pyopencl.Buffer(queue.context, flags, hostbuf=host)
-
-
-def _measure_seconds(queue: Any, kernel: Any, n: int) -> float:
-    """Return the least time, s, of some launches of `n` items, after one to warm up."""
-    times = []
-    for _ in range(_REPEATS + 1):
-        queue.finish()
-        started = time.perf_counter()
-        pyopencl.enqueue_nd_range_kernel(queue, kernel, (n,), None)
-        queue.finish()
-        times.append(time.perf_counter() - started)
-    return min(times[1:])
 
 
 def _pick_line(error: Exception) -> str:

@@ -22,7 +22,8 @@ from psfs.silhouettes.config import SilhouetteConfig
 from psfs.silhouettes.silhouette import Silhouette
 from psfs.voxels.body_prior import TrackedBody
 from psfs.voxels.config import ReconstructionConfig
-from psfs.voxels.division import Division, PersonVoxels, find_bands
+from psfs.voxels.device_voxels import Voxels
+from psfs.voxels.division import Division, find_bands
 from psfs.voxels.grid import VoxelGrid
 from psfs.voxels.host_voxels import HostVoxels
 
@@ -51,7 +52,7 @@ def make_division(
     grids: Sequence[VoxelGrid],
     n_spheres: int,
     colours: np.ndarray | None = None,
-) -> Callable[[np.ndarray, int], PersonVoxels | HostVoxels]:
+) -> Callable[[np.ndarray, int], Voxels | HostVoxels]:
     """Return a function that divides the latest frame of `reconstructor` among people, one for each
     of `grids`, and returns the voxels of one of them.
 
@@ -65,7 +66,7 @@ def make_division(
     assert isinstance(device, Device)
     division = Division(device, rig, reconstructor.voxels, grids, n_spheres, config, colours)
 
-    def divide(spheres: np.ndarray, person: int) -> PersonVoxels:
+    def divide(spheres: np.ndarray, person: int) -> Voxels:
         division.spheres.set(spheres)
         if division.bands is not None:
             division.bands.set(find_bands(spheres))

@@ -16,7 +16,7 @@ from psfs.silhouettes.silhouette import Silhouette
 from psfs.voxels.body_prior import BodyLocation, TrackedBody, pack_body
 from psfs.voxels.bricks import Bricks
 from psfs.voxels.config import ReconstructionConfig
-from psfs.voxels.device_voxels import SilhouetteVoxels, Voxels
+from psfs.voxels.device_voxels import Voxels, find_pictures
 from psfs.voxels.grid import VoxelGrid
 from psfs.voxels.moving_grid import GridFollower
 from psfs.voxels.sparse import SparseSurface
@@ -61,7 +61,8 @@ class Reconstructor:
         self._packed_body, prior = self._attach_body()
         self._bricks = Bricks(device, rig, grid, maps, step, config.occupancy, body=prior)
         self.surface = SparseSurface(self._bricks)
-        self.voxels: Voxels = SilhouetteVoxels(grid, self.silhouette, self.surface)
+        pictures = find_pictures(self.silhouette)
+        self.voxels = Voxels(device, rig, grid, maps, self.surface, pictures)
         self._follower = GridFollower(device, grid, self.surface.list) if follow else None
         self._uploads: Uploads | None = None
         self._ahead: Frame | None = None

@@ -157,7 +157,7 @@ def _run_suite(args: argparse.Namespace, device: Device) -> None:
         if rows:
             write_suite(args.out, results, rows)
             suite_grid(rows).show()
-            stdout.print(f"{len(results.runs)} runs: {args.out}", soft_wrap=True)
+            stdout.print(f"{len(results.runs)} runs: {args.out}")
     if errors:
         raise InputError("; ".join(dict.fromkeys(errors)))
 

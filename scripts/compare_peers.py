@@ -108,7 +108,7 @@ def _do_runs(args: argparse.Namespace, results: PeerResults) -> None:
             for seed in range(args.seeds if program in _RANDOM else 1):
                 if results.has(folder.name, program, seed):
                     continue
-                stderr.print(f"{folder.name}: {program}, seed {seed}", soft_wrap=True)
+                stderr.print(f"{folder.name}: {program}, seed {seed}")
                 on = device if program in _RANDOM and isinstance(device, Device) else None
                 task = Task(sequence, args.out / "work" / folder.name, pythons, on, seed)
                 where = on.name if on is not None else "one core"

@@ -38,7 +38,7 @@ def _run_all(args: argparse.Namespace, others: dict[str, argparse.ArgumentParser
         if args.seconds is not None:
             seconds = max(0.0, args.seconds - (time.monotonic() - began))
             argv += ["--seconds", f"{seconds * _SHARES[name] / shares:.0f}"]
-        stderr.print(f"{name} {' '.join(argv)}", style="bold", soft_wrap=True)
+        stderr.print(f"{name} {' '.join(argv)}", style="bold")
         parsed = parser.parse_args(argv)
         parsed.run(parsed)
         del left[name]

@@ -50,12 +50,12 @@ def _run(args: argparse.Namespace) -> None:
         if machine.name not in {m.name for m in machines}
     ]
     write_report([*machines, *more], args.out / "report.md")
-    stdout.print(f"wrote {args.out / 'report.md'}", soft_wrap=True)
+    stdout.print(f"wrote {args.out / 'report.md'}")
     if args.readme:
         picture = _ROOT / "docs" / "timings.png"
         write_figure(headline_figure(machines), picture)
         update_page(_ROOT / "docs" / "speed.md", machines)
-        stdout.print(f"wrote docs/speed.md and {picture}", soft_wrap=True)
+        stdout.print(f"wrote docs/speed.md and {picture}")
 
 
 if __name__ == "__main__":

@@ -76,7 +76,7 @@ class BatchReport(AbstractContextManager["BatchReport"]):
             self._failed[name] = TakeRow(name, status="failed", error=text)
             text = f"failed: {text}"
         self._remove_lines(name)
-        stderr.print(f"{name}: {text}", soft_wrap=True)
+        stderr.print(f"{name}: {text}")
         self._bar.update(self._all, advance=1, description=self._describe_progress())
         if time.monotonic() > self._written + _APART:
             self._write()
@@ -116,10 +116,10 @@ class BatchReport(AbstractContextManager["BatchReport"]):
         kept = sum(done.kept for done in self._done.values())
         before = f", {kept} of them before" if kept else ""
         count = f"{len(self._done)} of {len(self._names)} takes done{before}"
-        stdout.print(f"{count}: {self._out / 'index.html'}", soft_wrap=True)
+        stdout.print(f"{count}: {self._out / 'index.html'}")
         for name, row in self._failed.items():
             log = self._out / LOGS / f"{name}.log"
-            stdout.print(f"{name} failed: {row.error}; log: {log}", soft_wrap=True)
+            stdout.print(f"{name} failed: {row.error}; log: {log}")
 
 
 def describe_done(outcome: TakeDone) -> str:

@@ -49,15 +49,14 @@ def _demonstrate(request: DemoRequest, out: Path) -> None:
         f"Look at {report} (the track, judged), {out / 'track' / 'overlay.mp4'} and "
         f"{out / 'voxels' / 'preview.png'}; {out / 'summary.json'} has the figures.\n"
         "Your own footage: `psfs info FOLDER` says what is missing or looks wrong, then `apf track "
-        "FOLDER -o OUT` and `apf export OUT`.",
-        soft_wrap=True,
+        "FOLDER -o OUT` and `apf export OUT`."
     )
     if request.open and not webbrowser.open(report.resolve().as_uri()):
         log.warning("no browser to open %s with", report)
 
 
 def _step(program: str, main: Callable[[list[str]], int], argv: list[str]) -> None:
-    stdout.print(f"$ {program} {shlex.join(argv)}", style="bold", soft_wrap=True)
+    stdout.print(f"$ {program} {shlex.join(argv)}", style="bold")
     code = main(argv)
     if code:
         raise SystemExit(code)  # the command has printed the error

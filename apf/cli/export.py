@@ -62,31 +62,25 @@ def print_export(written: Export, gait_wanted: bool, seen: np.ndarray | None = N
     else:
         shown = f"{len(track)} frames, smoothed at {track.smoothing['cutoff_hz']:g} Hz"
         held = " and feet held where they stand" if track.standing.any() else ""
-        stdout.print(
-            f"{shown}{held}; track.npz and joints.trc keep them as they were tracked",
-            soft_wrap=True,
-        )
+        stdout.print(f"{shown}{held}; track.npz and joints.trc keep them as they were tracked")
     for what, rows in (("was lost", track.lost & there), ("was not there", track.lost & ~there)):
         if rows.any():
             stdout.print(
                 f"the person {what} in frames {spans(track.frames[rows].tolist())}: missing values "
-                "there, in BVH and GLB the pose before, in MOT bridged",
-                soft_wrap=True,
+                "there, in BVH and GLB the pose before, in MOT bridged"
             )
     if track.body is not None and track.lost_limbs.any():
         columns = zip(limb_names(track.body), track.lost_limbs.T, strict=True)
         limbs = [f"{n} in {spans(track.frames[c].tolist())}" for n, c in columns if c.any()]
         stdout.print(
             f"limbs were lost, by frames: {'; '.join(limbs)}: missing values there, in BVH, GLB "
-            "and MOT bridged",
-            soft_wrap=True,
+            "and MOT bridged"
         )
     if written.gait is not None:
         gait = written.gait
         stdout.print(
             f"gait: {gait.n_steps} steps, {gait.cadence:.0f} steps/min, {gait.step_length:.2f} m "
-            f"each, {gait.speed:.2f} m/s",
-            soft_wrap=True,
+            f"each, {gait.speed:.2f} m/s"
         )
     elif gait_wanted:
         stdout.print("gait: no walk of two steps in this track")
@@ -96,7 +90,6 @@ def print_export(written: Export, gait_wanted: bool, seen: np.ndarray | None = N
     if INVERSE_KINEMATICS in names and ANGLES not in names:
         stdout.print(
             "OpenSim is not installed in this Python: its set-up alone was written; run "
-            f"`opensim-cmd run-tool` with {SCALING}, then with {INVERSE_KINEMATICS}",
-            soft_wrap=True,
+            f"`opensim-cmd run-tool` with {SCALING}, then with {INVERSE_KINEMATICS}"
         )
-    stdout.print("wrote " + ", ".join(str(path) for path in written.files), soft_wrap=True)
+    stdout.print("wrote " + ", ".join(str(path) for path in written.files))

@@ -39,9 +39,7 @@ def run(request: KeypointsRequest) -> None:
             if frames < _SELDOM * len(sequence):
                 who = "a person" if len(counts) == 1 else f"person {person}"
                 warn(f"{camera}: {who} was found in {frames} of {len(sequence)} frames only")
-    stdout.print(
-        f"{len(sequence)} frames x {len(sequence.rig)} cameras: {request.output}", soft_wrap=True
-    )
+    stdout.print(f"{len(sequence)} frames x {len(sequence.rig)} cameras: {request.output}")
 
 
 def _detect(

@@ -7,7 +7,6 @@ import webbrowser
 from collections.abc import Callable
 from contextlib import ExitStack, closing
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -111,7 +110,7 @@ def _live(
         scale,
     )
     if pace.keeps_up:
-        stderr.print(str(pace), soft_wrap=True)
+        stderr.print(str(pace))
     else:
         warn(f"{pace}; {pace.advice}")
     provenance = {**method.describe(), "device": device.name}
@@ -248,14 +247,14 @@ def _run(
             waiting = stderr.console.status("waiting for the first frame; Ctrl-C ends")
             progress = PaceReporter(pace.wanted, stack.enter_context(waiting).update, None, late)
         else:
-            progress = PaceReporter(pace.wanted, None, partial(stderr.print, soft_wrap=True), late)
+            progress = PaceReporter(pace.wanted, None, stderr.print, late)
         if not request.studio:
             return live.run(_report_to(keep, progress), warn), []
         from apf.studio.live import LivePage  # imports an extra
 
         rig = live.source.rig
         page = stack.enter_context(closing(LivePage(start, rig, live.stop)))
-        stdout.print(f"{page.address} (for this machine alone)", soft_wrap=True)
+        stdout.print(f"{page.address} (for this machine alone)")
         webbrowser.open(page.address)
         return live.run(_report_to(keep, progress, page), warn), page.takes
 
@@ -352,4 +351,4 @@ def print_summary(summary: dict[str, Any], folder: Path) -> None:
     if summary.get("error_when_known_mm") is not None:
         stdout.print(f"and {summary['error_when_known_mm']:.1f} mm from that when poses were known")
     tracks = "person1 and so on, people.json" if "people" in summary else "track.npz, joints.trc"
-    stdout.print(f"{folder}: {tracks}, live.json, timeline.png", soft_wrap=True)
+    stdout.print(f"{folder}: {tracks}, live.json, timeline.png")

@@ -115,7 +115,7 @@ def _start_people(
     sequence = session.sequence
     people = count_people(session, number)
     if number is None:
-        stderr.print(f"{sequence.name}: {people.describe()}", soft_wrap=True, markup=False)
+        stderr.print(f"{sequence.name}: {people.describe()}")
     if len(people) < 2:
         if number is not None:
             warn(f"{sequence.name}: --people is {number}; {people.describe()}")

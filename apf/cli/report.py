@@ -75,8 +75,8 @@ def run(request: ReportRequest) -> None:
     for warning in summary["warnings"]:
         warn(warning, stdout)
     for line in quality.lines():
-        stdout.print(line, soft_wrap=True)
-    stdout.print(f"wrote {folder / PAGE}", soft_wrap=True)
+        stdout.print(line)
+    stdout.print(f"wrote {folder / PAGE}")
 
 
 def _check_body(track: Track, folder: Path) -> None:
@@ -106,5 +106,5 @@ def _run_people(request: ReportRequest, folder: Path) -> None:
     for number in range(1, len(tracks) + 1):
         own = person_folder(folder, number)
         for line in read_summary(own).get("says", ()):
-            stdout.print(f"{own.name}: {line}", soft_wrap=True)
-    stdout.print(f"wrote {folder / PAGE}", soft_wrap=True)
+            stdout.print(f"{own.name}: {line}")
+    stdout.print(f"wrote {folder / PAGE}")

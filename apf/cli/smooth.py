@@ -50,5 +50,5 @@ def _smooth(request: SmoothRequest, config: SmoothingConfig) -> Track:
     write_files(request.output, track, track.its_body)
     lost = int(track.lost.sum())
     note = f"; {lost} lost frames left as they were" if lost else ""
-    stdout.print(f"{len(track)} frames smoothed: {request.output}{note}", soft_wrap=True)
+    stdout.print(f"{len(track)} frames smoothed: {request.output}{note}")
     return track

@@ -33,7 +33,7 @@ class TakeLine(ProgressLine):
         remark("note", "cyan", text)
 
     def tell(self, text: str) -> None:
-        stderr.print(text, soft_wrap=True, markup=False)
+        stderr.print(text)
 
 
 def track_one(
@@ -61,7 +61,7 @@ def track_one(
                 stdout.print(text)
         if (request.output / PEOPLE).exists():
             page = PAGE if (request.output / PAGE).exists() else PEOPLE
-            stdout.print(f"all people together: {request.output / page}", soft_wrap=True)
+            stdout.print(f"all people together: {request.output / page}")
     return everybody
 
 
@@ -91,13 +91,12 @@ def print_outcome(judgement: Judgement, n_frames: int) -> None:
         lacking = "" if len(track) < n_frames else ", the last ones by the forward pass alone"
         stderr.print(
             f"{len(track)} of {n_frames} frames are in {folder}{lacking}; the same command tracks "
-            "all again",
-            soft_wrap=True,
+            "all again"
         )
         return
-    stdout.print(f"{len(track)} frames tracked: {folder}", soft_wrap=True)
+    stdout.print(f"{len(track)} frames tracked: {folder}")
     if len(track.restarts):
         stdout.print(f"found again by a new search in frames {spans(track.restarts.tolist())}")
     for line in judgement.quality.lines():
-        stdout.print(line, soft_wrap=True)
-    stdout.print(f"wrote {', '.join(judgement.files)}", soft_wrap=True)
+        stdout.print(line)
+    stdout.print(f"wrote {', '.join(judgement.files)}")

@@ -30,7 +30,7 @@ def run(request: TimingsRequest) -> None:
         write_json(request.output / "timings.json", {"rows": rows})
         _show(rows)
         _draw(rows, request.output / "timings.png")
-    stdout.print(f"wrote {request.output / 'timings.json'} and timings.png", soft_wrap=True)
+    stdout.print(f"wrote {request.output / 'timings.json'} and timings.png")
 
 
 def measure(seconds: float) -> list[dict[str, Any]]:
@@ -47,7 +47,7 @@ def measure(seconds: float) -> list[dict[str, Any]]:
     tasks["NumPy, one thread (the specification)"] = twin
     rows = []
     for name, task in tasks.items():
-        stdout.print(f"measuring {name}", soft_wrap=True)
+        stdout.print(f"measuring {name}")
         made = task()
         ms = made["runs"][0]["frames"].samples[1:] or made["runs"][0]["frames"].samples
         streamed = made["to_pose"]["frames"].median if "to_pose" in made else None
@@ -75,8 +75,7 @@ def _show(rows: list[dict[str, Any]]) -> None:
     stdout.print(table)
     stdout.print(
         "One frame from pictures in memory to pose and coloured voxels in memory; streamed: from "
-        "pose to pose, without the voxels' download. Medians, without each run's first frame.",
-        soft_wrap=True,
+        "pose to pose, without the voxels' download. Medians, without each run's first frame."
     )
 
 

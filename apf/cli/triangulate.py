@@ -55,7 +55,7 @@ def run_triangulate(request: TrackRequest, names: list[str]) -> None:
             except UserError as error:
                 failed[name] = error
     for name, why in failed.items():
-        stdout.print(f"{name} failed: {why}", soft_wrap=True)
+        stdout.print(f"{name} failed: {why}")
     if failed:
         raise InputError(f"{len(failed)} of {len(names)} takes failed: {join_names(failed)}")
 
@@ -98,10 +98,10 @@ def _triangulate(request: TrackRequest, output: Path) -> None:
     who = (
         "" if not several else f" of {len(tracks)} people" if len(tracks) > 1 else " of one person"
     )
-    stdout.print(f"{len(frames)} frames{who} triangulated: {output}", soft_wrap=True)
+    stdout.print(f"{len(frames)} frames{who} triangulated: {output}")
     for number, track in enumerate(tracks, start=1):
         whose = f"person{number}: " if several else ""
-        stdout.print(f"{whose}{_describe(track)}", soft_wrap=True)
+        stdout.print(f"{whose}{_describe(track)}")
 
 
 def _describe(track: Track) -> str:

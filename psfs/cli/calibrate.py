@@ -119,9 +119,7 @@ def _print_board(request: CalibrateRequest) -> None:
     stdout.print(
         f"wrote {path}: {width:.0f} x {height:.0f} mm; print it at 100 %, glue it on something "
         f"flat, film it: psfs calibrate FOLDER --board charuco --squares {squares[0]}x{squares[1]} "
-        f"--square {square:g}{several} -o OUT",
-        soft_wrap=True,
-        markup=False,
+        f"--square {square:g}{several} -o OUT"
     )
 
 
@@ -298,7 +296,7 @@ def _write(
             warn(f"{view.camera.name} {fault}", stdout)
     for text in warnings:
         warn(text, stdout)
-    stdout.print(f"{judge_calibration(found)}; wrote {out}", soft_wrap=True)
+    stdout.print(f"{judge_calibration(found)}; wrote {out}")
 
 
 def _write_pictures(

@@ -54,8 +54,9 @@ class Messages:
         return make_terminal(self._stderr)
 
     def print(self, *objects: Any, **options: Any) -> None:
-        """Print like rich's console, without control characters; only into the log file if
-        `quiet`."""
+        """Print like rich's console, without control characters; text is not wrapped. Only into the
+        log file if `quiet`."""
+        options.setdefault("soft_wrap", all(isinstance(item, str) for item in objects))
         objects = tuple(_printable(item) if isinstance(item, str) else item for item in objects)
         if not self.quiet:
             self.console.print(*objects, **options)

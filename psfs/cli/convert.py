@@ -22,11 +22,7 @@ def run(request: ConvertRequest) -> None:
     expected = ["calibration.toml", "sequence.toml", *(f"{f}/**/*.*" for f in folders)]
     with output_folder(request.output, request.COMMAND, sequence.inputs, expected):
         write_native(sequence, request.output)
-    stdout.print(
-        f"wrote {request.output}: {len(sequence.rig)} cameras, {len(sequence)} frames",
-        soft_wrap=True,
-        markup=False,
-    )
+    stdout.print(f"wrote {request.output}: {len(sequence.rig)} cameras, {len(sequence)} frames")
 
 
 def _write_calibration(request: ConvertRequest, program: str, sequence: Sequence) -> None:
@@ -35,8 +31,4 @@ def _write_calibration(request: ConvertRequest, program: str, sequence: Sequence
     expected = [*names, "calib/*.yml", "sparse/0/*.txt"]
     with output_folder(request.output, request.COMMAND, sequence.inputs, expected):
         written = write_calibration(request.output, sequence.rig, program)
-    stdout.print(
-        f"wrote {written}: {len(sequence.rig)} cameras for {program}",
-        soft_wrap=True,
-        markup=False,
-    )
+    stdout.print(f"wrote {written}: {len(sequence.rig)} cameras for {program}")

@@ -28,14 +28,13 @@ def _table(devices: list[DeviceInfo]) -> Table:
     table.add_column("name, platform", overflow="fold")
     for heading in ("kind", "driver", "works"):
         table.add_column(heading, no_wrap=True)
-    for heading in ("units", "GiB", "GB/s", "GFLOP/s"):
+    for heading in ("units", "GiB"):
         table.add_column(heading, justify="right", no_wrap=True)
     for info in devices:
         found = info.probe
         assert found is not None
         works = "no" if found.fault else f"yes, as {found.target}" if found.target else "yes"
-        speeds = ["", ""] if found.fault else [f"{found.bandwidth:.0f}", f"{found.gflops:.0f}"]
         units, memory = str(info.compute_units), f"{info.memory / 2**30:.1f}"
         name = f"{info.name}\n{info.platform}"
-        table.add_row(name, info.kind, info.driver, works, units, memory, *speeds)
+        table.add_row(name, info.kind, info.driver, works, units, memory)
     return table

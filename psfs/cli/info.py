@@ -38,7 +38,7 @@ def run(request: InfoRequest) -> None:
         _say_faults(session, info.warnings)
         if request.masks is not None:
             write_picture(request.masks, draw_contact_sheet(diagnose(session).views))
-            stdout.print(f"wrote {request.masks}", soft_wrap=True, markup=False)
+            stdout.print(f"wrote {request.masks}")
     else:
         for warning in info.warnings:
             warn(warning, stdout)

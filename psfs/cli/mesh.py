@@ -60,7 +60,7 @@ def _mesh(request: MeshRequest, run: ReconstructionFolder, targets: dict[int, Pa
         _report(request.out, sequence.rig.names, checks)
     path = next(iter(targets.values()))
     what = f"{path.parent}: {len(targets)} meshes" if request.frame == "all" else str(path)
-    stdout.print(f"wrote {what}", soft_wrap=True)
+    stdout.print(f"wrote {what}")
 
 
 def _targets(request: MeshRequest, run: ReconstructionFolder) -> dict[int, Path]:

@@ -160,7 +160,7 @@ def write_person_calibration(
         warn(text, stdout)
     use = f"--calibration {out / CALIBRATION} --sync {sync}"
     text = f"{verdict}; wrote {out}; the take's flags: {use}"
-    stdout.print(text, soft_wrap=True, markup=False)
+    stdout.print(text)
 
 
 def _summary(

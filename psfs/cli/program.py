@@ -28,7 +28,6 @@ from psfs.common.outputs import guard_files
 from psfs.common.system import (
     handle_signals,
     import_nothing_from_current_folder,
-    memory_limit,
     versions,
 )
 
@@ -41,8 +40,6 @@ _LONGEST_LINE = 800
 _ENDING = ("SIGTERM", "SIGHUP")
 #: The shells that shtab writes completions for.
 _SHELLS = ("bash", "zsh", "tcsh", "fish", "powershell")
-#: Bytes of address space that the libraries take before anything is read.
-_LEAST_MEMORY = 1.25 * 2**30
 #: Values that begin with a minus, as in `--up -z` and `--volume -1,1,...`: argparse takes them for
 #: flags.
 _NEGATIVE = re.compile(r"-([xyz]$|[\d.])")
@@ -115,6 +112,7 @@ class CommandParser(argparse.ArgumentParser):
         #: The parsers of the subcommands, by their names.
         self.commands: dict[str, CommandParser] = {}
         self._filled = False
+        self._negative_number_matcher = _NEGATIVE  # argparse's own takes plain numbers alone
 
     def add_flags(self) -> None:
         """Add the flags of the command, unless they have been added."""
@@ -123,23 +121,9 @@ class CommandParser(argparse.ArgumentParser):
             _fill(self, self.command.kind)
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
-        """Parse like argparse, but allow values that begin with a minus."""
+        """Add the flags of the command, and parse like argparse."""
         self.add_flags()
-        return super().parse_known_args(None if args is None else self._join(args), namespace)
-
-    def _join(self, words: Sequence[str]) -> list[str]:
-        """Return `words` with `--flag -value` as `--flag=-value`."""
-        with_value = {
-            name for action in self._actions if action.nargs is None
-            for name in action.option_strings if name.startswith("--")
-        }  # fmt: skip
-        joined: list[str] = []
-        for word in words:
-            if joined and joined[-1] in with_value and _NEGATIVE.match(word):
-                joined[-1] += f"={word}"
-            else:
-                joined.append(word)
-        return joined
+        return super().parse_known_args(args, namespace)
 
     def _get_value(self, action: argparse.Action, arg_string: str) -> Any:
         if (
@@ -327,22 +311,10 @@ def run_command(parser: argparse.ArgumentParser, argv: Sequence[str] | None = No
         if any("\0" in word for word in words):
             parser.error("an argument holds the character NUL; expected text")
         args = parser.parse_args(words)
-        _check_memory_limit()
         with messages(args):
             _run_logged(parser.prog, args, words)
 
     return exit_code(parser.prog, run)
-
-
-def _check_memory_limit() -> None:
-    """Raise InputError if the process may use less memory than its libraries take, which else fail
-    with reasons of their own."""
-    limit = memory_limit()
-    if limit < _LEAST_MEMORY:
-        raise InputError(
-            f"the process may use {limit / 2**20:,.0f} MiB (ulimit -v); expected at least "
-            f"{_LEAST_MEMORY / 2**20:,.0f}, or no limit"
-        )
 
 
 def _run_logged(prog: str, args: argparse.Namespace, words: Sequence[str]) -> None:

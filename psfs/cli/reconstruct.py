@@ -227,7 +227,6 @@ class _Job:
         stdout.print(
             f"{len(self.done)} frames, grid {nx} x {ny} x {nz} of "
             f"{self.grid.voxel_size * 1e3:.3g} mm, median {np.median(counts):,.0f} surface voxels, "
-            f"{np.median(volumes):.3g} litres, {whole:.1f} ms per frame on {self.device.name}",
-            soft_wrap=True,
+            f"{np.median(volumes):.3g} litres, {whole:.1f} ms per frame on {self.device.name}"
         )
-        stdout.print(f"wrote {self.out}", soft_wrap=True)
+        stdout.print(f"wrote {self.out}")

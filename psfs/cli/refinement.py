@@ -56,7 +56,7 @@ def _write(request: CalibrateRequest, rig: CameraRig, found: Alignment, accepted
     write_json(out / REPORT, _summary(request, rig, found, accepted, verdict))
     write_settings(out, request)
     stdout.print(_table(rig, found, accepted))
-    stdout.print(f"{verdict}; wrote {out}", soft_wrap=True, markup=False)
+    stdout.print(f"{verdict}; wrote {out}")
 
 
 def _describe_sound(found: Alignment) -> str:

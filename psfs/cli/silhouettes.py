@@ -60,7 +60,7 @@ def _show(request: SilhouettesRequest, opened: OutputFolder) -> None:
             write_json(out / REPORT, report.plain())
             write_settings(out, request, ["reconstruction"])
             stdout.print(report.table())
-            stdout.print(f"wrote {out}", soft_wrap=True)
+            stdout.print(f"wrote {out}")
 
 
 def _select_frames(request: SilhouettesRequest, sequence: Sequence) -> list[int]:

@@ -54,7 +54,7 @@ def write_view(request: ViewRequest, sequence: Sequence, draw: Callable[[], np.n
     picture = draw()
     with output_folder(request.out, request.COMMAND, addition=True):
         write_picture(request.png, picture)
-    stdout.print(f"wrote {request.png}", soft_wrap=True)
+    stdout.print(f"wrote {request.png}")
 
 
 def show_page(
@@ -90,7 +90,7 @@ def check_port(request: PageRequest) -> None:
 def serve(page: BrowserPage, request: PageRequest) -> None:
     """Print the address of a page, open it in a browser unless --no-browser is given, and wait for
     Ctrl-C."""
-    stdout.print(f"{page.address} (for this machine alone; Ctrl-C ends)", soft_wrap=True)
+    stdout.print(f"{page.address} (for this machine alone; Ctrl-C ends)")
     if request.browser:
         webbrowser.open(page.address)
     threading.Event().wait()

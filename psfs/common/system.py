@@ -65,17 +65,6 @@ def physical_memory() -> int:
     return int(psutil.virtual_memory().total)
 
 
-def memory_limit() -> float:
-    """Return the bytes of address space that this process may use (`ulimit -v`); infinite without a
-    limit, and where the system has none."""
-    try:
-        import resource
-    except ImportError:
-        return float("inf")
-    limit = resource.getrlimit(resource.RLIMIT_AS)[0]
-    return float("inf") if limit == resource.RLIM_INFINITY else float(limit)
-
-
 def list_own_cores() -> list[int]:
     """Return the numbers of the cores that this process may run on; all where the system does not
     pin processes to cores, as macOS."""

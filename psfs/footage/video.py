@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
@@ -18,7 +17,6 @@ import numpy as np
 from cl import InputError
 from psfs.common.picture_size import check_picture_size
 from psfs.common.reading import open_input
-from psfs.common.system import memory_limit
 
 if TYPE_CHECKING:
     from av.container import InputContainer
@@ -130,11 +128,8 @@ def _open(path: Path, **options: str) -> InputContainer:
     try:
         container = av.open(str(path), options={"protocol_whitelist": "file", **options})
     except (av.FFmpegError, OSError) as error:
-        limit = memory_limit()
-        memory = f", or {limit / 2**20:,.0f} MiB (ulimit -v) are too few"
         raise InputError(
             f"{path}: cannot be opened as a video; it is damaged or truncated"
-            f"{memory if limit < math.inf else ''}"
         ) from error
     try:
         context = next((stream.codec_context for stream in container.streams.video), None)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Protocol
 
 import numpy as np
@@ -45,7 +46,8 @@ class Voxels:
     surface: (capacity,) int32 flat indices, ascending, of which the first `count[0]` are valid.
     count, occupied: (1,) int32. evidence: (V, H, W) int8 evidence maps that the voxels were carved
     with, above 0 where foreground is likelier; also overwritten. stays: whether the voxels belong
-    to one frame and are never overwritten.
+    to one frame and are never overwritten. The argument `pictures` returns the pictures of a frame
+    on the device.
     """
 
     stays = False
@@ -57,8 +59,10 @@ class Voxels:
         grid: VoxelGrid,
         evidence: Array,
         surface: SparseSurface,
+        pictures: Callable[[Frame | None], Array | None],
     ) -> None:
         self.grid = grid
+        self._pictures_of = pictures
         self._counts: np.ndarray | None = None
         self.frame = None
         self.surface: Array = surface.list.indices
@@ -105,7 +109,7 @@ class Voxels:
 
     def pictures(self) -> Array | None:
         """Return the frame's pictures (V, H, W, 3) uint8 BGR on the device, None if it has none."""
-        return None
+        return self._pictures_of(self._frame)
 
     def cloud(self, colour: bool = False) -> VoxelCloud:
         """Download the surface voxels, in RGB if `colour` is true; waits for the device.
@@ -121,25 +125,19 @@ class Voxels:
         return VoxelCloud(self.grid, self.surface.get(count), probability, rgb, volume)
 
 
-class SilhouetteVoxels(Voxels):
-    """The voxels that a reconstructor carved from its silhouettes."""
+def find_pictures(silhouette: Silhouette) -> Callable[[Frame | None], Array | None]:
+    """Return the function of `Voxels` that returns the pictures of a frame on the device: they are
+    uploaded if silhouettes come from masks, and are there already otherwise."""
+    room: list[Array] = []
 
-    def __init__(self, grid: VoxelGrid, silhouette: Silhouette, surface: SparseSurface) -> None:
-        super().__init__(silhouette.device, silhouette.rig, grid, silhouette.evidence, surface)
-        self._silhouette = silhouette
-        self._images: Array | None = None
-
-    def pictures(self) -> Array | None:
-        """Return the frame's pictures (V, H, W, 3) uint8 BGR on the device, None if it has none.
-
-        They are uploaded if silhouettes come from masks, and are on the device already otherwise.
-        """
-        images = None if self.frame is None else self.frame.images
-        if images is None:
+    def pictures(frame: Frame | None) -> Array | None:
+        if frame is None or frame.images is None:
             return None
-        if self._silhouette.background is not None:
-            return self._silhouette.input
-        if self._images is None:
-            self._images = self._silhouette.device.empty(images.shape, np.uint8, "the pictures")
-        self._images.set(images)
-        return self._images
+        if silhouette.background is not None:
+            return silhouette.input
+        if not room:
+            room.append(silhouette.device.empty(frame.images.shape, np.uint8, "the pictures"))
+        room[0].set(frame.images)
+        return room[0]
+
+    return pictures

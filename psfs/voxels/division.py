@@ -12,6 +12,7 @@ from cl.batch import Parts
 from cl.workgroups import pack_defines, size_defines
 from psfs.background.config import UNKNOWN, EvidenceConfig
 from psfs.cameras.camera import CameraRig
+from psfs.sequence import Frame
 from psfs.voxels.bricks import Bricks
 from psfs.voxels.config import ReconstructionConfig
 from psfs.voxels.device_voxels import CarvedVoxels, Voxels
@@ -30,26 +31,6 @@ BEHIND, BEHIND_COLOURED = 2.0, 0.25
 #: Levels of each channel of a colour, and bands of a person's height that differ in colours; share
 #: of pixels whose colour is not that of the clothes.
 LEVELS, BANDS, STRANGE = 8, 3, 0.03
-
-
-class PersonVoxels(Voxels):
-    """The voxels of one of several people, carved from the evidence in which the others do not
-    count. whole: everybody's."""
-
-    def __init__(
-        self,
-        whole: CarvedVoxels,
-        device: Device,
-        rig: CameraRig,
-        grid: VoxelGrid,
-        evidence: Array,
-        surface: SparseSurface,
-    ) -> None:
-        super().__init__(device, rig, grid, evidence, surface)
-        self._whole = whole
-
-    def pictures(self) -> Array | None:
-        return self._whole.pictures()
 
 
 class Division:
@@ -84,14 +65,20 @@ class Division:
             self.bands = device.zeros((n_people, n_spheres), np.uint8)
             table = device.to_device(weigh_colours(colours).astype(np.float32), "people's colours")
         maps = Parts(device, n_people, voxels.evidence.shape, np.int8)
-        self.persons: list[PersonVoxels] = []
+
+        def pictures(_: Frame | None) -> Array | None:
+            return voxels.pictures()
+
+        self.persons: list[Voxels] = []
         self._carve: list[SparseSurface] = []
         for grid, part in zip(grids, maps.arrays, strict=True):
             surface = SparseSurface(
                 Bricks(device, rig, grid, part, evidence.step, config.occupancy)
             )
             self._carve.append(surface)
-            self.persons.append(PersonVoxels(voxels, device, rig, grid, part, surface))
+            self.persons.append(
+                Voxels(device, rig, grid, part, surface, lambda _: voxels.pictures())
+            )
         defines: dict[str, int] = {
             **{"PEOPLE": n_people, "UNKNOWN": UNKNOWN, **rig.defines},
             **{"COLOURS": int(table is not None), "LEVELS": LEVELS, "BANDS": BANDS},
@@ -121,7 +108,7 @@ class Division:
                 parts=maps.whole, pictures=None, bands=self.bands, colours=table, **images,
             )  # fmt: skip
 
-    def __call__(self, person: int | None = None) -> list[PersonVoxels]:
+    def __call__(self, person: int | None = None) -> list[Voxels]:
         """Enqueue the division of the latest frame, and the carving of everybody, or of one
         `person` by number; return each person's voxels."""
         self._project()

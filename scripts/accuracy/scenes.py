@@ -35,7 +35,7 @@ def make_scenes(folder: Path, scenes: dict[str, SceneConfig], device: Device) ->
     for name, config in scenes.items():
         target = folder.resolve() / name
         if not target.exists():
-            stderr.print(f"filming {target}", soft_wrap=True)
+            stderr.print(f"filming {target}")
             generate(target, config, device)
         folders.append(target)
     return folders

@@ -29,7 +29,7 @@ def make_environment(folder: Path, peer: str) -> Path:
     done = home / "installed.json"
     if done.is_file() and json.loads(done.read_text()) == list(PACKAGES[peer]):
         return python
-    stderr.print(f"installing {', '.join(PACKAGES[peer])} into {home}", soft_wrap=True)
+    stderr.print(f"installing {', '.join(PACKAGES[peer])} into {home}")
     if not python.exists():
         venv.create(home, with_pip=True)
     made = subprocess.run(

@@ -158,13 +158,13 @@ class Results:
                 raise InputError("not with --quick")
             if self.seconds_left <= 0:
                 raise InputError("no time left; --resume measures it")
-            stderr.print(f"measuring: {self.comparison}, {name}", soft_wrap=True)
+            stderr.print(f"measuring: {self.comparison}, {name}")
             self.sections[name] = _round_trip(measure())
             self.seconds[name] = round(time.monotonic() - started, 2)
             self.left_out.pop(name, None)
         except (InputError, ImportError, BrokenProcessPool) as error:
             self.left_out[name] = str(error).splitlines()[0]
-            stderr.print(f"left out: {name}: {self.left_out[name]}", soft_wrap=True)
+            stderr.print(f"left out: {name}: {self.left_out[name]}")
         self.write()
         return self.sections.get(name)
 

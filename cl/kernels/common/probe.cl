@@ -1,5 +1,4 @@
-// Tries a device: built-in functions, local memory, barriers and atomics, its memory and its
-// arithmetic. Twin: cl/probe.py.
+// Tries a device: built-in functions, local memory, barriers and atomics. Twin: cl/probe.py.
 
 // Work-items of a group; a power of two.
 #ifndef GROUP
@@ -27,23 +26,4 @@ __kernel void check(int n, __global const float *values, __global float *sums, _
         sums[get_group_id(0)] = part[0];
         atomic_inc(count);
     }
-}
-
-// from, to: (n,) packs of 4. An item per pack.
-__kernel void copy(int n, __global const float4 *from, __global float4 *to)
-{
-    const int i = get_global_id(0);
-    if (i < n) to[i] = from[i];
-}
-
-// out: (n,), of item i after STEPS steps x <- x a + b from x = i. An item per number.
-__kernel void multiply_add(int n, float a, float b, __global float *out)
-{
-    const int i = get_global_id(0);
-    if (i >= n) return;
-    // Eight chains, since a step waits for the one before it.
-    float8 x = (float8)(i);
-    for (int step = 0; step < STEPS; ++step) x = mad(x, (float8)(a), (float8)(b));
-    const float4 half_sum = x.lo + x.hi;
-    out[i] = (half_sum.x + half_sum.y + half_sum.z + half_sum.w) * 0.125f;
 }
