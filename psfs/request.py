@@ -10,11 +10,10 @@ from cl import InputError
 from psfs.calibration.config import CalibrationConfig
 from psfs.calibration.targets.dictionaries import DICTIONARIES
 from psfs.common.config import part
-from psfs.common.files import resolve_path
+from psfs.common.files import check_folder, resolve_path
 from psfs.common.ranges import check_number
 from psfs.common.requests import Flag, Group, Part, Presets, Request
 from psfs.diagnostics.config import DEFINITION
-from psfs.footage.folder import check_folder
 from psfs.footage.settings import SequenceSettings, join_delays, split_delays
 from psfs.mesh.config import FORMATS as MESH_FORMATS
 from psfs.mesh.config import SMOOTHING

@@ -8,6 +8,7 @@ from collections.abc import Callable, Collection, Generator, Iterator, Mapping
 from collections.abc import Sequence as Items
 from contextlib import contextmanager
 from copy import copy
+from dataclasses import dataclass
 from functools import cached_property, partial
 from itertools import pairwise, product
 from pathlib import Path
@@ -26,7 +27,6 @@ from psfs.cameras.units import metres_per_unit, rotate_rig, rotation_to_z_up
 from psfs.common.files import resolve_path
 from psfs.common.ranges import check_kind
 from psfs.common.system import physical_memory
-from psfs.footage.frame import Frame as Frame
 from psfs.footage.layouts import Footage, find_layout
 from psfs.footage.media import Decoder, Media, pad_pictures
 from psfs.footage.numbering import pair_by_number
@@ -39,6 +39,20 @@ from psfs.footage.timing import Delay, synchronise
 _QUEUE_BYTES, _QUEUE_FRAMES = 256 * 2**20, 16
 #: Frame rate of a camera that states none, that of most, frames/s.
 DEFAULT_FPS = 30.0
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """The pictures or masks of all views at one time. Views smaller than the rig's width and height
+    are zero padded.
+
+    images: (V, H, W, 3) uint8 BGR, or None if there are only masks. masks: (V, H, W) uint8, 255 =
+    person, or None if silhouettes are computed with a `Background`.
+    """
+
+    index: int
+    images: np.ndarray | None
+    masks: np.ndarray | None
 
 
 def frame_memory_limit() -> float:

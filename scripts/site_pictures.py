@@ -24,7 +24,7 @@ from apf.body.kinematics import posed_cones
 from apf.body.model import find_side
 from apf.report.drawing import SIDES, Figure
 from apf.tracking.track import Track
-from psfs.output.preview import View, shade_cloud
+from psfs.output.preview import View, shade_points
 from psfs.output.reconstruction_folder import ReconstructionFolder
 from psfs.sequence import Frame, Sequence
 from psfs.voxels.clouds import estimate_normals
@@ -81,7 +81,8 @@ def view_person(joints: np.ndarray, azimuth: float) -> View:
 
 def draw_voxels(cloud: VoxelCloud, view: View) -> np.ndarray:
     """Draw a cloud in its colours."""
-    return shade_cloud(cloud, estimate_normals(cloud), view, PANEL)
+    normals, edge = estimate_normals(cloud), cloud.grid.voxel_size
+    return shade_points(cloud.centres, normals, cloud.colour, edge, view, PANEL)
 
 
 def draw_skeleton(voxels: np.ndarray, track: Track, row: int, view: View) -> np.ndarray:

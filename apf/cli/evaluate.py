@@ -68,7 +68,7 @@ def run(request: EvaluateRequest) -> None:
         warn(better, stdout)
     if not several and tracks[0].smoothing is not None:
         shown = ", ".join(f"{k} {v}" for k, v in tracks[0].smoothing.items() if v is not None)
-        stdout.print(f"the track was smoothed: {shown}", soft_wrap=True)
+        stdout.print(f"the track was smoothed: {shown}")
     folder = request.output or (request.track if request.track.is_dir() else request.track.parent)
     wanted = _select_files(request)
     with output_folder(folder, request.COMMAND, addition=True, replaces=True):
@@ -77,7 +77,7 @@ def run(request: EvaluateRequest) -> None:
             written = _write_files(folder, found, wanted, title)
         else:
             written = _write_people(folder, found, wanted)
-    stdout.print("wrote " + ", ".join(str(path) for path in written), soft_wrap=True)
+    stdout.print("wrote " + ", ".join(str(path) for path in written))
 
 
 def _evaluate_one(
@@ -92,7 +92,7 @@ def _evaluate_one(
     path, name = request.truth[0], find_followed(track, truths)
     truth = truths[name]
     if len(truths) > 1:
-        stdout.print(f"the truth is of several people; the nearest is {name}", soft_wrap=True)
+        stdout.print(f"the truth is of several people; the nearest is {name}")
     if markers is not None:
         return evaluate_markers(track, markers, truth), None
     if request.convention is None and path.suffix.lower() == ".trc":
@@ -101,8 +101,7 @@ def _evaluate_one(
         if convention != default:
             stdout.print(
                 f"the truth is read with --convention {convention}: with {default}, the default, "
-                "it is of another place",
-                soft_wrap=True,
+                "it is of another place"
             )
     found = evaluate(track, truth)
     by_index = request.truth_start is None and truth.at_rate(track.fps) is truth
@@ -215,7 +214,7 @@ def print_evaluation(evaluation: Evaluation) -> None:
     if evaluation.n_ignored:
         lines.append(f"ignored, because the truth is missing: {evaluation.n_ignored} joint-frames")
     for line in lines:
-        stdout.print(line, soft_wrap=True)
+        stdout.print(line)
     for warning in evaluation.warnings:
         warn(warning, stdout)
 
@@ -247,7 +246,7 @@ def print_people_evaluation(evaluation: PeopleEvaluation) -> None:
         f"joints are within {1000 * MATCHED:.0f} mm on average",
     ]
     for line in lines:
-        stdout.print(line, soft_wrap=True)
+        stdout.print(line)
     for warning in evaluation.warnings:
         warn(warning, stdout)
 
@@ -269,8 +268,7 @@ def print_angles(errors: Sequence[AngleError]) -> None:
     stdout.print(table)
     stdout.print(
         "offset-free: without the mean difference (the truth's rest pose is another); all: without "
-        "the plane of elevation and axial rotation of arms, undefined where these hang",
-        soft_wrap=True,
+        "the plane of elevation and axial rotation of arms, undefined where these hang"
     )
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from cl import InputError
 from psfs.cameras.distortion import distort, largest_radius2, undistort
 from psfs.common.names import check_name
-from psfs.common.picture_size import check_picture_size
+from psfs.common.ranges import check_picture_size
 
 #: Largest rig.
 MOST_CAMERAS = 1000

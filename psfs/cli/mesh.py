@@ -20,7 +20,7 @@ from psfs.common.regions import iou
 from psfs.diagnostics.reprojection_iou import Checker
 from psfs.mesh.config import FORMATS, MOST_SMOOTHING
 from psfs.mesh.marching_cubes import Mesher, write_mesh
-from psfs.mesh.preview import RayScene
+from psfs.mesh.preview import mesh_silhouette
 from psfs.output.reconstruction_folder import ReconstructionFolder
 from psfs.request import MESH_DEFINITION, MeshRequest
 from psfs.sequence import Frame
@@ -93,10 +93,10 @@ def _targets(request: MeshRequest, run: ReconstructionFolder) -> dict[int, Path]
 def _check_mesh(mesh: trimesh.Trimesh, checker: Checker, frame: Frame) -> dict[str, object]:
     """Return whether the mesh is closed, its size, and its IoU (V,), NaN if there is nothing to
     compare."""
-    scene, scores = RayScene(mesh), []
+    scores = []
     for camera, shown in zip(checker.rig, checker.silhouettes(frame), strict=True):
         ours = np.zeros_like(shown)
-        ours[: camera.size[1], : camera.size[0]] = scene.silhouette(camera)
+        ours[: camera.size[1], : camera.size[0]] = mesh_silhouette(mesh, camera)
         scores.append(iou(ours, shown))
     return {"watertight": mesh.is_watertight, "volume_m3": mesh.volume, "iou": np.array(scores)}
 

@@ -1,4 +1,4 @@
-"""Chromaticity, bins, and parsing of colours."""
+"""Chromaticity, bins, and parsing of colours; the colour of clay."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ import numpy as np
 
 from cl import InputError
 
+#: Colour of surfaces without colours, RGB 0..1.
+CLAY = (0.80, 0.70, 0.59)
 #: Number of colour bins: 16 per channel.
 N_BINS = 16**3
 

@@ -13,7 +13,7 @@ from tempfile import TemporaryDirectory, gettempdir
 from typing import TYPE_CHECKING, Any, TextIO
 from xml.etree import ElementTree
 
-from cl import InputError
+from cl import InputError, MissingFileError
 from psfs.common.outputs import check_file, claim, remember_file, temporary_name
 from psfs.common.reading import open_input, parsing, unreadable_error
 from psfs.common.system import is_alive
@@ -32,6 +32,15 @@ def resolve_path(path: str | Path) -> Path:
     if "\0" in str(path):
         raise InputError(f"{str(path)!r}: holds the character NUL; expected a path")
     return Path(os.path.realpath(path))
+
+
+def check_folder(folder: Path, wanted: str = "expected a folder with calibrated views") -> None:
+    """Raise MissingFileError if there is no such folder, InputError if it is a file."""
+    if folder.is_dir():
+        return
+    if folder.exists():
+        raise InputError(f"{folder}: a file; {wanted}")
+    raise MissingFileError(f"{folder}: no such folder; {wanted}")
 
 
 @contextmanager

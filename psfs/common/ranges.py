@@ -12,6 +12,8 @@ from psfs.common.names import escape_unprintable
 #: The largest number that makes sense without a bound of its own, and how far from an end that
 #: is left out a number must stay: beyond, float32 overflows or divides by nothing.
 LARGEST, SMALLEST = 1e9, 1e-12
+#: Pixels along a side of a picture, and in all.
+LONGEST_SIDE, MOST_PIXELS = 32_768, 2**28
 
 
 def check_kind(
@@ -69,3 +71,25 @@ def spans(frames: Sequence[int]) -> str:
         else:
             pieces.append([frame])
     return ", ".join(f"{p[0]}-{p[-1]}" if len(p) > 1 else f"{p[0]}" for p in pieces)
+
+
+def check_picture_size(size: tuple[int, int], what: str) -> None:
+    """Raise InputError unless a picture may be of `size` = (width, height) px."""
+    width, height = size
+    if min(size) < 1 or max(size) > LONGEST_SIDE or width * height > MOST_PIXELS:
+        raise InputError(
+            f"{what} {width} x {height} px; expected 1 to {LONGEST_SIDE} along each side and at "
+            f"most {MOST_PIXELS:,} in all"
+        )
+
+
+def check_stack(n_cameras: int, size: tuple[int, int]) -> None:
+    """Raise InputError if places in the stacked BGR pictures of all cameras, each `size` = (width,
+    height) px, exceed 32 bits."""
+    width, height = size
+    most = (2**31 - 1) // (3 * width * height)
+    if n_cameras > most:
+        raise InputError(
+            f"{n_cameras} cameras with pictures of {width} x {height} px; expected at most {most} "
+            "of this size"
+        )

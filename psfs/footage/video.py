@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 
 from cl import InputError
-from psfs.common.picture_size import check_picture_size
+from psfs.common.ranges import check_picture_size
 from psfs.common.reading import open_input
 
 if TYPE_CHECKING:

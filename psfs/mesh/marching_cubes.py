@@ -11,6 +11,7 @@ import scipy
 from cl import Device, InputError, NumpyDevice
 from cl.errors import pip_command
 from psfs.backend import AnyReconstructor, make_reconstructor
+from psfs.common.colours import CLAY
 from psfs.common.files import write_atomically
 from psfs.common.regions import keep_large_regions
 from psfs.mesh.config import FORMATS, SMOOTHING
@@ -22,9 +23,6 @@ from psfs.voxels.grid import VoxelCloud, VoxelGrid
 
 if TYPE_CHECKING:
     import trimesh
-
-#: Colour of meshes without colours, RGB 0..1.
-CLAY = (0.80, 0.70, 0.59)
 
 # Taubin 1995: each step forward by _LAMBDA is followed by one back by _MU. Features of spatial
 # frequency below 1 / _LAMBDA - 1 / _MU = 0.11 are kept, so that nothing shrinks.

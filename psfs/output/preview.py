@@ -10,6 +10,7 @@ import numpy as np
 
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.footprints import voxel_footprints
+from psfs.common.colours import CLAY
 from psfs.common.names import escape_unprintable
 from psfs.common.numbers import pick_evenly
 from psfs.sequence import Frame
@@ -20,9 +21,8 @@ from psfs.voxels.host_voxels import voxel_silhouette
 #: Azimuth and elevation of the views, degrees.
 VIEWS = ((0, 10), (60, 10), (120, 10), (180, 10), (240, 10), (300, 25))
 PANEL = (300, 420)  # width, height of a view, px
-SUPERSAMPLING = 2
+_SUPERSAMPLING = 2
 BACKDROP = np.array([250, 247, 244], np.float32)  # BGR
-CLAY = np.array([150, 178, 205], np.float32)
 #: Most voxels along the longest side of a cloud in a picture of `PANEL`.
 _MAX_VOXELS = 250
 _OUTLINE = (60, 220, 60)
@@ -37,8 +37,7 @@ def draw_preview(cloud: VoxelCloud, rig: CameraRig, frame: Frame, title: str = "
     reprojected cloud.
     """
     shown = _coarsen_for_picture(cloud)
-    normals = estimate_normals(shown)
-    views = [draw_shaded_view(shown, normals, azimuth, up, PANEL) for azimuth, up in VIEWS]
+    views = draw_views(shown.centres, estimate_normals(shown), shown.colour, shown.grid.voxel_size)
     edge = cloud.grid.voxel_size
     text = f"{title}   {len(cloud):,} surface voxels of {_length(edge)}"
     if cloud.volume:
@@ -78,44 +77,37 @@ def draw_sheet(
     return np.vstack([above, _picture_row(silhouette, rig, frame, above.shape[1])])
 
 
-def draw_shaded_view(
-    cloud: VoxelCloud,
+def draw_views(
+    points: np.ndarray, normals: np.ndarray, colours: np.ndarray | None, width: float
+) -> list[np.ndarray]:
+    """Draw orthographic views (h, w, 3) uint8 BGR from all sides of a surface, see
+    `shade_points`."""
+    ends = points if len(points) else np.zeros((1, 3))
+    views = [View.fit(ends, 2 * width, azimuth, up, PANEL) for azimuth, up in VIEWS]
+    return [shade_points(points, normals, colours, width, view, PANEL) for view in views]
+
+
+def shade_points(
+    points: np.ndarray,
     normals: np.ndarray,
-    azimuth: float,
-    elevation: float,
+    colours: np.ndarray | None,
+    width: float,
+    view: View,
     size: tuple[int, int],
 ) -> np.ndarray:
-    """Draw an orthographic view (h, w, 3) uint8 BGR of a cloud with its `estimate_normals`.
-
-    size: (width, height) px. azimuth: direction of the viewer, degrees from +x towards +y.
-    elevation: above the horizon, degrees. Voxels are splatted into a z-buffer and shaded by their
-    normals.
-    """
-    view = View.fit(
-        cloud.centres if len(cloud) else np.zeros((1, 3)),
-        2 * cloud.grid.voxel_size,
-        azimuth,
-        elevation,
-        size,
-    )
-    return shade_cloud(cloud, normals, view, size)
-
-
-def shade_cloud(
-    cloud: VoxelCloud, normals: np.ndarray, view: View, size: tuple[int, int]
-) -> np.ndarray:
-    """Draw a cloud as `view` shows it, else as `draw_shaded_view` does."""
-    size = (size[0] * SUPERSAMPLING, size[1] * SUPERSAMPLING)
-    if not len(cloud):
-        return downsample(np.broadcast_to(BACKDROP, (size[1], size[0], 3)).copy())
-    fine = replace(view, scale=view.scale * SUPERSAMPLING, middle=view.middle * SUPERSAMPLING)
-    nearest = _z_buffer(cloud, fine, size)
-    return downsample(_shade(cloud, normals @ fine.axes.T, fine.scale, nearest))
-
-
-def downsample(picture: np.ndarray) -> np.ndarray:
-    """Downsample a picture that was computed with SUPERSAMPLING to the final uint8 picture."""
-    factor = 1 / SUPERSAMPLING
+    """Draw a surface as `view` shows it, `size` = (width, height) px: points (N, 3) m with unit
+    normals (N, 3) and colours (N, 3) uint8 RGB, or clay, splatted into a z-buffer as discs about
+    `width` m wide."""
+    size = (size[0] * _SUPERSAMPLING, size[1] * _SUPERSAMPLING)
+    picture = np.broadcast_to(BACKDROP, (size[1], size[0], 3)).copy()
+    if len(points):
+        scale = view.scale * _SUPERSAMPLING
+        fine = replace(view, scale=scale, middle=view.middle * _SUPERSAMPLING)
+        nearest = _z_buffer(points, 0.75 * width * scale, fine, size)
+        light = _light(normals @ fine.axes.T, 0.8 * width * scale, nearest)
+        base = 255 * np.array(CLAY[::-1]) if colours is None else colours[nearest][..., ::-1]
+        picture = np.where(nearest[..., None] >= 0, base * light[..., None], picture)
+    factor = 1 / _SUPERSAMPLING
     small = cv2.resize(picture, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA)
     return np.clip(small, 0, 255).astype(np.uint8)
 
@@ -160,14 +152,14 @@ class View:
         return turned[:, :2] * self.scale + self.middle, turned[:, 2]
 
 
-def _z_buffer(cloud: VoxelCloud, view: View, size: tuple[int, int]) -> np.ndarray:
-    """Return (h, w): the index of the voxel nearest to the viewer, or -1."""
-    pixels, depth = view.project(cloud.centres)
+def _z_buffer(points: np.ndarray, radius: float, view: View, size: tuple[int, int]) -> np.ndarray:
+    """Return (h, w): the index of the point, a disc of `radius` px, nearest to the viewer, or
+    -1."""
+    pixels, depth = view.project(points)
     order = np.argsort(-depth, kind="stable")  # far to near: the nearest is written last
-    half = 0.75 * cloud.grid.voxel_size * view.scale
-    reach = np.arange(-int(np.ceil(half)), int(np.ceil(half)) + 1)
+    reach = np.arange(-int(np.ceil(radius)), int(np.ceil(radius)) + 1)
     dy, dx = np.meshgrid(reach, reach, indexing="ij")
-    disc = dx**2 + dy**2 <= half**2 + 1
+    disc = dx**2 + dy**2 <= radius**2 + 1
     corner = np.rint(pixels[order]).astype(int)
     column = corner[:, :1] + dx[disc]
     row = corner[:, 1:] + dy[disc]
@@ -177,30 +169,15 @@ def _z_buffer(cloud: VoxelCloud, view: View, size: tuple[int, int]) -> np.ndarra
     return nearest
 
 
-def _shade(cloud: VoxelCloud, normals: np.ndarray, scale: float, nearest: np.ndarray) -> np.ndarray:
-    """Shade the visible voxels, lit from the viewer's upper left; return (h, w, 3) float32 BGR.
-
-    normals: along the view's axes. scale: px per m. nearest: as `_z_buffer` returns.
-    """
-    seen = nearest >= 0
-    field: np.ndarray = np.where(seen[..., None], normals[nearest], 0).astype(np.float32)
-    # Smoothing the normals between voxels hides the voxels' steps.
-    width = max(1.0, 0.8 * cloud.grid.voxel_size * scale)
-    field = np.asarray(cv2.GaussianBlur(field, (0, 0), width))
+def _light(normals: np.ndarray, blur: float, nearest: np.ndarray) -> np.ndarray:
+    """Return the brightness (h, w) of the visible points, of which `normals` are along the view's
+    axes: a key light shines from the viewer's upper left, a weaker one from the right, and ambient
+    light from everywhere. Normals are smoothed over `blur` px, which hides the steps of voxels."""
+    field: np.ndarray = np.where(nearest[..., None] >= 0, normals[nearest], 0).astype(np.float32)
+    field = np.asarray(cv2.GaussianBlur(field, (0, 0), max(1.0, blur)))
     field /= np.maximum(np.linalg.norm(field, axis=-1, keepdims=True), 1e-6)
-    light = compute_lighting(field)
-    base = CLAY if cloud.colour is None else cloud.colour[nearest][..., ::-1]
-    return np.where(seen[..., None], base * light[..., None], BACKDROP).astype(np.float32)
-
-
-def compute_lighting(normals: np.ndarray) -> np.ndarray:
-    """Return the brightness of surfaces with unit `normals` (..., 3) along the axes of the view.
-
-    A key light shines from the viewer's upper left, a weaker one from the right, and ambient light
-    from everywhere.
-    """
-    key = np.clip(normals @ _unit(-0.5, -0.6, -0.65), 0, None)
-    fill = np.clip(normals @ _unit(0.8, -0.1, -0.5), 0, None)
+    key = np.clip(field @ _unit(-0.5, -0.6, -0.65), 0, None)
+    fill = np.clip(field @ _unit(0.8, -0.1, -0.5), 0, None)
     return 0.34 + 0.66 * key + 0.16 * fill
 
 

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import scipy
 
-from psfs.mesh.marching_cubes import CLAY
+from psfs.common.colours import CLAY
 from psfs.voxels.config import OccupancyConfig
 from psfs.voxels.grid import VoxelCloud
 

@@ -19,8 +19,6 @@ if TYPE_CHECKING:
 _HANDLE = 0.8  # m
 #: The points of line segments that show nothing.
 NO_LINES = np.zeros((1, 2, 3), np.float32)
-#: RGB of the floor's lines, and of the world's axes x, y, z.
-_FLOOR, _AXES = (150, 150, 146), ((200, 60, 50), (60, 160, 60), (60, 90, 210))
 
 
 class VoxelNode:
@@ -91,27 +89,15 @@ class CameraNodes:
 def add_floor(scene: viser.SceneApi, grid: VoxelGrid) -> None:
     """Add the floor z = 0 under a grid, in squares of 1, 0.1, ... m, with the world's axes, one
     square long."""
-    lines, colours = draw_floor(grid)
-    scene.add_line_segments(
-        "/floor", lines, np.repeat(colours[:, None], 2, axis=1), thickness=1.0,
-        thickness_units="screen",
+    extent = (grid.high - grid.low)[:2]
+    square = float(10.0 ** np.floor(np.log10(float(np.max(extent)))))
+    middle = square * np.round((grid.low + grid.high)[:2] / (2 * square))
+    width, height = 2 * square * np.ceil((extent / 2 + square) / square)
+    scene.add_grid(
+        "/floor", float(width), float(height), cell_size=square, section_size=square,
+        position=(*middle, 0.0),
     )  # fmt: skip
-
-
-def draw_floor(grid: VoxelGrid) -> tuple[np.ndarray, np.ndarray]:
-    """Return the ends (E, 2, 3) float32 m of the floor's lines and, last, of the axes, and their
-    colours (E, 3) uint8 RGB."""
-    square = 10.0 ** np.floor(np.log10(float(np.max((grid.high - grid.low)[:2]))))
-    low, high = np.floor(grid.low[:2] / square) - 1, np.ceil(grid.high[:2] / square) + 1
-    lines = []
-    for axis in (0, 1):
-        for at in np.arange(low[axis], high[axis] + 1):
-            ends = np.array([[*low, 0.0], [*high, 0.0]])
-            ends[:, axis] = at
-            lines.append(ends)
-    axes = np.stack([np.zeros((3, 3)), np.eye(3)], axis=1)
-    colours = np.array([*([_FLOOR] * len(lines)), *_AXES], np.uint8)
-    return (square * np.concatenate([lines, axes])).astype(np.float32), colours
+    scene.add_frame("/axes", axes_length=square, axes_radius=0.01 * square)
 
 
 class BoxNode:

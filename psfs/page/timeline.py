@@ -105,7 +105,6 @@ class TimeLine:
         self._show, self._stops = show, np.unique(np.asarray(stops, int))
         self._lock, self._ended, self._changed = threading.RLock(), threading.Event(), False
         self._wake = threading.Event()
-        self.n_shown = 0
         self.slider: Any = gui.add_slider(
             "frame", 0, max(1, len(frames) - 1), 1, 0,
             hint="which frame is shown, counted from the first one of the run",
@@ -219,7 +218,6 @@ class TimeLine:
     def _present(self, slider: bool) -> None:
         self._show(self.playback.position)
         self._name_button()
-        self.n_shown += 1
         if slider:
             self._move_slider()
 

@@ -158,11 +158,6 @@ class Watch:
         """Whether each layer is shown."""
         return {name: bool(box.value) for name, box in self._boxes.items()}
 
-    @property
-    def coarse(self) -> bool:
-        """Whether voxels are shown coarsely while playing."""
-        return bool(self._coarse.value)
-
     def go_to_frame(self, frame: int) -> None:
         """Show a frame of the run, by its number. Raises InputError."""
         frames = self.opened.frames.tolist()

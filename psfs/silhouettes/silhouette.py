@@ -14,8 +14,8 @@ from psfs.background.config import BackgroundConfig
 from psfs.background.light import light_launch, sampled_scene, steady_light
 from psfs.cameras.camera import CameraRig
 from psfs.cameras.cells import CELL, cells
-from psfs.common.picture_size import check_stack
 from psfs.common.progress import map_in_threads
+from psfs.common.ranges import check_stack
 from psfs.silhouettes.appearance import BINS, Foreground, ForegroundPrior
 from psfs.silhouettes.config import PIXEL, SPAN, SilhouetteConfig
 from psfs.silhouettes.floor_shadow import floor_points

@@ -78,7 +78,7 @@ def measured_limits(place: Place) -> Limits:
 #: Packages whose versions are reported, also if they are absent.
 _PACKAGES = (
     *("psfs-apf", "numpy", "scipy", "opencv-python-headless", "pyopencl"),
-    *("pocl-binary-distribution", "open3d", "trimesh", "matplotlib"),
+    *("pocl-binary-distribution", "trimesh", "matplotlib"),
 )
 
 

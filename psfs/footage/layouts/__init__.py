@@ -6,7 +6,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from cl import InputError
-from psfs.footage.folder import check_folder
+from psfs.common.files import check_folder
 from psfs.footage.layouts.common import Footage, Layout
 from psfs.footage.layouts.datasets import BODYTRACK, MIDDLEBURY, UTRECHT
 from psfs.footage.layouts.flat import FLAT

@@ -13,7 +13,7 @@ import numpy as np
 from cl import InputError
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.names import rename_files
-from psfs.footage.folder import check_folder
+from psfs.common.files import check_folder
 from psfs.footage.layouts.common import Footage, Found, assign_pictures
 from psfs.footage.media import Media, list_media, open_media
 from psfs.footage.settings import SequenceSettings

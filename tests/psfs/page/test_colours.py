@@ -8,7 +8,7 @@ import numpy as np
 import trimesh
 from helpers import scenes
 
-from psfs.mesh.marching_cubes import CLAY
+from psfs.common.colours import CLAY
 from psfs.page.clouds import make_surface
 from psfs.page.colours import COLOURINGS, colour_vertices, colour_voxels
 from psfs.voxels.config import OccupancyConfig

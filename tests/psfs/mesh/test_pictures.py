@@ -1,4 +1,4 @@
-"""Silhouettes and pictures of meshes by ray casting."""
+"""Silhouettes and pictures of meshes."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ import trimesh
 from helpers import scenes
 
 from psfs.cameras.camera import Camera
-from psfs.mesh.preview import RayScene, draw_shaded_mesh
+from psfs.mesh.preview import mesh_silhouette
+from psfs.output.preview import draw_views
 
 CENTRE, RADIUS = np.array([0.1, -0.2, 0.9]), 0.4
 
@@ -40,7 +41,7 @@ def test_silhouette_of_a_ball() -> None:
     directions = view.rays(pixels)
     passing = np.linalg.norm(np.cross(directions, CENTRE - view.centre), axis=1)
     expected = (passing / np.linalg.norm(directions, axis=1) < RADIUS).reshape(121, 161)
-    shown = RayScene(ball()).silhouette(view)
+    shown = mesh_silhouette(ball(), view)
     assert 500 < expected.sum() < 10_000 and (shown != expected).sum() <= 0.005 * expected.sum()
 
 
@@ -48,19 +49,17 @@ def test_around_and_behind_the_camera() -> None:
     """A camera inside the ball sees only the ball; one that looks away from it does not see it."""
     view = camera()
     inside = replace(view, t=-view.R @ CENTRE)
-    assert RayScene(ball()).silhouette(inside).all()
+    assert mesh_silhouette(ball(), inside).all()
     away = replace(view, t=-view.R @ (CENTRE + 2 * view.R[2]))
-    assert not RayScene(ball()).silhouette(away).any()
+    assert not mesh_silhouette(ball(), away).any()
 
 
 def test_shaded_views_show_shape_and_colours() -> None:
     mesh = ball()
-    plain = draw_shaded_mesh(RayScene(mesh), 30, 10, (90, 120))
-    assert plain.shape == (120, 90, 3) and plain.dtype == np.uint8
-    assert plain[60, 45, 2] > plain[60, 45, 0]  # clay
-    assert plain[50, 35].sum() > plain[75, 60].sum() + 30  # lit from the upper left
-    mesh.visual = trimesh.visual.ColorVisuals(
-        mesh, vertex_colors=np.tile(np.uint8([10, 200, 10]), (len(mesh.vertices), 1))
-    )
-    green = draw_shaded_mesh(RayScene(mesh), 30, 10, (90, 120))
-    assert green[60, 45].argmax() == 1
+    surface = mesh.vertices, mesh.vertex_normals
+    plain = draw_views(*surface, None, 0.05)[0]
+    assert plain.shape == (420, 300, 3) and plain.dtype == np.uint8
+    assert plain[210, 150, 2] > plain[210, 150, 0]  # clay
+    assert plain[175, 115].sum() > plain[255, 200].sum() + 30  # lit from the upper left
+    colours = np.tile(np.uint8([10, 200, 10]), (len(mesh.vertices), 1))
+    assert draw_views(*surface, colours, 0.05)[0][210, 150].argmax() == 1
