@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from functools import wraps
 from pathlib import Path
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar, TypeVar
 
 from cl import InputError
 from psfs.calibration.config import CalibrationConfig
@@ -20,6 +21,8 @@ from psfs.mesh.config import SMOOTHING
 from psfs.presets import PRESETS
 from psfs.self_calibration.config import PersonConfig
 from psfs.voxels.config import DEBRIS_SHARE, VOXEL_EDGES, ReconstructionConfig
+
+T = TypeVar("T")
 
 #: Greatest number of voxels along an axis in --grid.
 _MOST_ALONG = 10_000
@@ -42,51 +45,59 @@ def path_or_name(text: str) -> str:
     return str(resolve_path(path)) if path.exists() else text
 
 
+def _expecting(what: str) -> Callable[[Callable[[str], T]], Callable[[str], T]]:
+    """Return a decorator of functions that parse a text: it turns ValueError into InputError, which
+    says `what` was found and expected."""
+
+    def decorated(parse: Callable[[str], T]) -> Callable[[str], T]:
+        @wraps(parse)
+        def parse_or_fail(text: str) -> T:
+            try:
+                return parse(text)
+            except InputError:
+                raise
+            except (ValueError, ZeroDivisionError):
+                raise InputError(f"{text!r} is {what}") from None
+
+        return parse_or_fail
+
+    return decorated
+
+
+@_expecting("no frame range; expected a:b, a:b:step or a number, counted from 0")
 def frame_range(text: str) -> slice:
     """Return `a:b`, `a:`, `:b`, `a:b:step` or a single frame number, as a slice."""
-    try:
-        ends = [int(end) if end else None for end in text.split(":")]
-        if len(ends) == 1 and ends[0] is not None:
-            ends = [ends[0], ends[0] + 1]
-        if not 2 <= len(ends) <= 3 or any(end is not None and end < 0 for end in ends):
-            raise ValueError
-        if len(ends) == 3 and ends[2] == 0:
-            raise ValueError
-    except ValueError:
-        raise InputError(
-            f"{text!r} is no frame range; expected a:b, a:b:step or a number, counted from 0"
-        ) from None
+    ends = [int(end) if end else None for end in text.split(":")]
+    if len(ends) == 1 and ends[0] is not None:
+        ends = [ends[0], ends[0] + 1]
+    if not 2 <= len(ends) <= 3 or any(end is not None and end < 0 for end in ends):
+        raise ValueError
+    if len(ends) == 3 and ends[2] == 0:
+        raise ValueError
     return slice(*ends)
 
 
+@_expecting("no number of metres")
 def voxel_edge(text: str) -> float:
     """Return the edge of a voxel, m."""
-    try:
-        edge = float(text)
-    except ValueError:
-        raise InputError(f"{text!r} is no number of metres") from None
+    edge = float(text)
     check_number("the edge of a voxel, m,", edge, *VOXEL_EDGES)
     return edge
 
 
+@_expecting(
+    "neither auto, audio nor frames by camera; expected e.g. cam03=5,cam01=-2, each camera once"
+)
 def parse_sync(text: str) -> str | dict[str, Any]:
     """Return `auto`, `audio`, or `cam03=5,cam01=-2.5*1.005` as a mapping."""
     if text in ("auto", "audio"):
         return text
-    try:
-        pairs = [item.rsplit("=", 1) for item in text.split(",")]
-        parts = [(name, [float(n) for n in by.split("*")]) for name, by in pairs]
-        if any(len(numbers) > 2 for _, numbers in parts):
-            raise ValueError
-        delays = {name: (numbers[0], [*numbers, 1.0][1]) for name, numbers in parts}
-        if len(delays) < len(pairs):
-            raise ValueError
-        return join_delays(delays)
-    except ValueError:
-        raise InputError(
-            f"{text!r} is neither auto, audio nor frames by camera; expected e.g. "
-            "cam03=5,cam01=-2, each camera once"
-        ) from None
+    pairs = [item.rsplit("=", 1) for item in text.split(",")]
+    parts = [(name, [float(n) for n in by.split("*")]) for name, by in pairs]
+    delays = {name: (numbers[0], [*numbers, 1.0][1]) for name, numbers in parts}
+    if len(delays) < len(pairs) or any(len(numbers) > 2 for _, numbers in parts):
+        raise ValueError
+    return join_delays(delays)
 
 
 def _write_sync(sync: str | Mapping[str, Any]) -> str:
@@ -98,25 +109,17 @@ def _write_sync(sync: str | Mapping[str, Any]) -> str:
     )
 
 
+@_expecting("no frame rate; expected e.g. 30, 29.97 or 30000/1001")
 def _frame_rate(text: str) -> float:
-    """Return the frames per second of `30`, `29.97` or `30000/1001`."""
-    try:
-        over, _, under = text.partition("/")
-        return float(over) / float(under or 1)
-    except (ValueError, ZeroDivisionError):
-        raise InputError(
-            f"{text!r} is no frame rate; expected e.g. 30, 29.97 or 30000/1001"
-        ) from None
+    over, _, under = text.partition("/")
+    return float(over) / float(under or 1)
 
 
+@_expecting("no box; expected x0,x1,y0,y1,z0,z1 in metres")
 def _parse_box(text: str) -> Any:
     """Return `x0,x1,y0,y1,z0,z1` as [[x0, y0, z0], [x1, y1, z1]], and `own:...` as {"own": that
     list}."""
-    try:
-        numbers = text.removeprefix("own:").split(",")
-        x0, x1, y0, y1, z0, z1 = (float(word) for word in numbers)
-    except ValueError:
-        raise InputError(f"{text!r} is no box; expected x0,x1,y0,y1,z0,z1 in metres") from None
+    x0, x1, y0, y1, z0, z1 = map(float, text.removeprefix("own:").split(","))
     box = [[x0, y0, z0], [x1, y1, z1]]
     return {"own": box} if text.startswith("own:") else box
 
@@ -128,42 +131,28 @@ def _write_box(box: Any) -> str:
     return ("own:" if own else "") + ",".join(numbers)
 
 
+@_expecting(f"no grid; expected NX,NY,NZ, 1 to {_MOST_ALONG} along each axis")
 def _grid_shape(text: str) -> tuple[int, int, int]:
-    import numpy as np
-
-    from psfs.voxels.grid import VoxelGrid
-
-    try:
-        nx, ny, nz = (int(word) for word in text.split(","))
-        VoxelGrid(np.zeros(3), 1.0, (nx, ny, nz))
-        if max(nx, ny, nz) > _MOST_ALONG:
-            raise InputError(f"at most {_MOST_ALONG} along each axis")
-    except ValueError as error:
-        detail = f": {error}" if isinstance(error, InputError) else ""
-        raise InputError(f"{text!r} is no grid{detail}; expected NX,NY,NZ") from None
+    nx, ny, nz = map(int, text.split(","))
+    if min(nx, ny, nz) < 1 or max(nx, ny, nz) > _MOST_ALONG:
+        raise ValueError
     return nx, ny, nz
 
 
+@_expecting("no wand; expected M or M,M")
 def _lengths(text: str) -> tuple[float, ...]:
-    try:
-        return tuple(float(length) for length in text.split(","))
-    except ValueError:
-        raise InputError(f"{text!r} is no wand; expected M or M,M") from None
+    return tuple(map(float, text.split(",")))
 
 
+@_expecting("no board; expected as 7x5")
 def _squares(text: str) -> tuple[int, int]:
-    try:
-        columns, rows = (int(count) for count in text.lower().split("x"))
-    except ValueError:
-        raise InputError(f"{text!r} is no board; expected as 7x5") from None
+    columns, rows = map(int, text.lower().split("x"))
     return columns, rows
 
 
+@_expecting("no frame; expected a number or all")
 def _frame_or_all(text: str) -> int | str:
-    try:
-        return text if text == "all" else int(text)
-    except ValueError:
-        raise InputError(f"{text!r} is no frame; expected a number or all") from None
+    return text if text == "all" else int(text)
 
 
 def _names(text: str) -> tuple[str, ...]:

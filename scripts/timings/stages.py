@@ -21,7 +21,7 @@ from psfs.voxels.grid import VoxelGrid
 
 #: Stages in the order of the pipeline, with their part of Song et al.'s algorithm.
 PARTS = {
-    "reconstruction": ("upload", "silhouette", "occupancy", "smoothing", "surface", "learning"),
+    "reconstruction": ("upload", "silhouette", "occupancy", "surface", "learning"),
     "colour": ("colour",),
     "tracking": ("reprojection", "kinematics", "likelihood", "annealing", "refinement"),
     "other": ("download", "other"),
@@ -42,7 +42,6 @@ _OF_COMMAND = {
     "upload": "upload",
     "copy": "upload",
     "download": "download",
-    "smooth": "smoothing",
 }
 #: Floating-point operations: per pixel of a silhouette; per projection of a point by a camera
 #: without distortion, the look-up included; per voxel of the smoothing; per sample inside a
@@ -73,7 +72,7 @@ Work = dict[str, tuple[float, float]]
 
 
 def reconstruction_work(rig: CameraRig, grid: VoxelGrid, surface: int) -> Work:
-    """Return (bytes, operations) of each stage in dense mode without optimisations: every byte of
+    """Return (bytes, operations) of each stage without optimisations: every byte of
     input and output once, every voxel projected into every camera. A stage that is faster than its
     limit avoids some of this work. surface: number of surface voxels."""
     views, pixels, voxels = len(rig), _pixels(rig), grid.size
@@ -81,8 +80,7 @@ def reconstruction_work(rig: CameraRig, grid: VoxelGrid, surface: int) -> Work:
     return {
         "upload": (3 * pixels, 0),
         "silhouette": ((3 + 32 + 3) * pixels, _PIXEL * pixels),
-        "occupancy": (pixels + 4 * padded, _PROJECTION * padded * views),
-        "smoothing": (4 * padded + 4 * voxels, _MEAN * voxels),
+        "occupancy": (pixels + 4 * voxels, _PROJECTION * padded * views + _MEAN * voxels),
         "surface": (4 * voxels + voxels / 4 + 4 * surface, 2 * voxels),
         "colour": (8 * pixels + 16 * surface, 2 * _PROJECTION * surface * views),
     }

@@ -197,7 +197,7 @@ def test_the_whole_frame_on_the_device_agrees_with_the_twins(device: Device) -> 
     assert streamed["error_mm"] == pytest.approx(ours["error_mm"], abs=25)
     profiled = Device(device.handle, profile=True)
     stages = stage_times(WholeFrame(profiled, problem), 1, warm_up=1)
-    busy = {"silhouette", "occupancy", "smoothing", "surface", "colour", "reprojection",
+    busy = {"silhouette", "occupancy", "surface", "colour", "reprojection",
             "likelihood", "annealing", "refinement", "download"}  # fmt: skip
     assert busy <= set(stages)
     assert find_stage("score_poses") == "likelihood"
