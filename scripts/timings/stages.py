@@ -21,7 +21,8 @@ from psfs.voxels.grid import VoxelGrid
 
 #: Stages in the order of the pipeline, with their part of Song et al.'s algorithm.
 PARTS = {
-    "reconstruction": ("upload", "silhouette", "occupancy", "surface", "learning"),
+    # Smoothing has been a part of the occupancy since 2026-11-28; the results are of before.
+    "reconstruction": ("upload", "silhouette", "occupancy", "smoothing", "surface", "learning"),
     "colour": ("colour",),
     "tracking": ("reprojection", "kinematics", "likelihood", "annealing", "refinement"),
     "other": ("download", "other"),
