@@ -46,12 +46,13 @@ def split_regions(indices: np.ndarray, shape: tuple[int, ...]) -> list[np.ndarra
     return sorted(parts, key=len, reverse=True)
 
 
-def find_largest_region_box(occupied: np.ndarray) -> np.ndarray | None:
-    """Return the first and last + 1 index (2, n) of the largest region; None if all is empty."""
-    parts = find_connected_regions(occupied)
+def find_largest_region_box(indices: np.ndarray, shape: tuple[int, ...]) -> np.ndarray | None:
+    """Return the first and last + 1 index (2, n) of the largest region of flat indices (N,),
+    ascending, of an array of `shape`; None if there are none."""
+    parts = split_regions(indices, shape)
     if not parts:
         return None
-    places = np.stack(np.unravel_index(parts[0], occupied.shape))
+    places = np.stack(np.unravel_index(parts[0], shape))
     return np.array([places.min(1), places.max(1) + 1])
 
 

@@ -10,11 +10,10 @@ import scipy
 
 from psfs.cameras.camera import CameraRig
 from psfs.common.colours import colour_bins
-from psfs.silhouettes.hidden import UNKNOWN
 from psfs.voxels.config import ReconstructionConfig
 from psfs.voxels.division import BANDS, LEVELS, divide_height
 from psfs.voxels.grid import VoxelGrid
-from psfs.voxels.occupied_box import reachable_box
+from psfs.voxels.occupied_box import CoarseSpace, reachable_box, remove_speckle
 
 #: Edge of a voxel, m, in a room of usual size, and the upper end of the volume, m.
 _VOXEL, _CEILING = 0.08, 2.4
@@ -26,8 +25,6 @@ _LEAST_VOLUME, DEBRIS = 0.03, 8
 _GHOST = 0.25
 #: Greatest number of voxels.
 _MOST_VOXELS = 1_500_000
-#: Evidence maps are held as bytes in the same order, as OpenCV needs them; this is no evidence.
-_RAISED = 128
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,11 +44,10 @@ def count_least_voxels(grid: VoxelGrid) -> int:
     return max(DEBRIS, round(_LEAST_VOLUME / grid.voxel_size**3))
 
 
-class CoarseVoxels:
-    """Coarse voxels within reach of the cameras, and the pixels that they fall on.
+class CoarseVoxels(CoarseSpace):
+    """Coarse voxels within reach of the cameras.
 
-    rig: of the small pictures. stated: the volume, if one is stated. grid: of all voxels. `used`
-    (N,): flat indices of those that enough cameras see.
+    rig: of the small pictures. stated: the volume, if one is stated.
     """
 
     def __init__(
@@ -64,38 +60,17 @@ class CoarseVoxels:
         low, high = np.array(low, float), np.array(high, float)
         high[2] = max(low[2] + _VOXEL, min(high[2], _CEILING))
         finest = float(np.cbrt(np.prod(high - low) / _MOST_VOXELS))
-        self.rig = rig
-        self.grid = VoxelGrid.covering(low, high, max(_VOXEL, finest))
-        centres = self.grid.centres()
-        places = np.full((len(rig), len(centres)), -1, np.int32)
-        depths = np.zeros((len(rig), len(centres)), np.float32)
-        self._widths = []
-        for view, camera in enumerate(rig):
-            inside, row, column, depth = camera.look_up(centres)
-            places[view, inside], depths[view, inside] = row * rig.width + column, depth
-            middle = float(np.median(depth)) if len(depth) else 1.0
-            self._widths.append(max(1, round(self.grid.voxel_size * camera.K[0, 0] / middle)))
-        needed = reconstruction.occupancy.seeing_cameras(len(rig))
-        self.used = np.flatnonzero((places >= 0).sum(0) >= needed)
-        self._places = np.ascontiguousarray(places[:, self.used])
-        self._depths = np.ascontiguousarray(depths[:, self.used])
+        grid = VoxelGrid.covering(low, high, max(_VOXEL, finest))
+        super().__init__(rig, grid, reconstruction.occupancy.seeing_cameras(len(rig)))
         self.rows = np.full(self.grid.size, -1, np.int32)
         self.rows[self.used] = np.arange(len(self.used))
 
     def __call__(self, index: int, evidence: np.ndarray) -> CoarseFrame:
         """Carve a frame with the evidence maps (V, H, W) int8 of its small pictures."""
-        votes = np.zeros(len(self.used), np.int32)
-        for view, (counts, width) in enumerate(zip(evidence, self._widths, strict=True)):
-            raised = counts.view(np.uint8) ^ np.uint8(_RAISED)
-            raised[counts == UNKNOWN] = _RAISED
-            wide = cv2.dilate(cv2.medianBlur(raised, 5), np.ones((width, width), np.uint8))
-            flat = wide.ravel().astype(np.int16) - _RAISED
-            at = self._places[view]
-            votes += np.where(at >= 0, flat[at], 0)
+        voxels = self.carve(remove_speckle(evidence))
         occupied = np.zeros(self.grid.size, bool)
-        occupied[self.used[votes > 0]] = True
+        occupied[voxels] = True
         labels, _ = scipy.ndimage.label(occupied.reshape(self.grid.shape), np.ones((3, 3, 3)))
-        voxels = np.flatnonzero(occupied)
         regions = labels.ravel()[voxels] - 1
         return CoarseFrame(index, voxels, regions, self._find_ghosts(evidence, voxels, regions))
 
@@ -135,10 +110,10 @@ class CoarseVoxels:
         return sorted(shares)[-2]
 
     def _find_covered(self, view: int, voxels: np.ndarray) -> np.ndarray:
-        at = self._places[view, self.rows[voxels]]
+        at = self.pixels[view, self.rows[voxels]]
         shown = np.zeros(self.rig.height * self.rig.width, np.uint8)
         shown[at[at >= 0]] = 1
-        width = self._widths[view]
+        width = self.widths[view]
         picture = shown.reshape(self.rig.height, self.rig.width)
         return cv2.dilate(picture, np.ones((width, width), np.uint8)) > 0
 
@@ -156,7 +131,7 @@ class CoarseVoxels:
             nearest = self._find_nearest(view, everything)
             codes = colour_bins(images[view], LEVELS).ravel()
             for part, band, into in zip(rows, bands, found, strict=True):
-                at, depth = self._places[view, part], self._depths[view, part]
+                at, depth = self.pixels[view, part], self.depths[view, part]
                 behind = depth - nearest[self._find_cells(view, at)]
                 seen = (at >= 0) & (behind < self.grid.voxel_size)
                 seen &= evidence[view].ravel()[at] > 0
@@ -165,19 +140,19 @@ class CoarseVoxels:
 
     def _find_cells(self, view: int, at: np.ndarray) -> np.ndarray:
         """Return the cells, of about a voxel's width, that flat pixels lie in."""
-        width = self._widths[view]
+        width = self.widths[view]
         across = -(-self.rig.width // width)
         return (at // self.rig.width) // width * across + (at % self.rig.width) // width
 
     def _find_nearest(self, view: int, rows: np.ndarray) -> np.ndarray:
         """Return the least depth of the voxels in each cell."""
-        width = self._widths[view]
+        width = self.widths[view]
         n_cells = -(-self.rig.width // width) * -(-self.rig.height // width)
         nearest = np.full(n_cells, np.inf)
-        at = self._places[view, rows]
+        at = self.pixels[view, rows]
         inside = at >= 0
         cells = self._find_cells(view, at[inside])
-        np.minimum.at(nearest, cells, self._depths[view, rows][inside])
+        np.minimum.at(nearest, cells, self.depths[view, rows][inside])
         return nearest
 
 

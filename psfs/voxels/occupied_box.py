@@ -57,34 +57,48 @@ def reachable_box(rig: CameraRig, floor: bool = True) -> tuple[np.ndarray, np.nd
     return low, high
 
 
+class CoarseSpace:
+    """The voxels of a coarse grid that enough cameras see, and the pixels that they fall on.
+
+    used: (N,) their flat indices. pixels: (V, N) int32, flat, -1 outside of a picture. depths: (V,
+    N) float32 m. widths: of a voxel in each camera, px.
+    """
+
+    def __init__(self, rig: CameraRig, grid: VoxelGrid, min_cameras: int) -> None:
+        self.rig, self.grid = rig, grid
+        centres = grid.centres()
+        pixels = np.full((len(rig), len(centres)), -1, np.int32)
+        depths = np.zeros((len(rig), len(centres)), np.float32)
+        self.widths: list[int] = []
+        for view, camera in enumerate(rig):
+            inside, row, column, depth = camera.look_up(centres)
+            pixels[view, inside], depths[view, inside] = row * rig.width + column, depth
+            middle = float(np.median(depth)) if len(depth) else 1.0
+            self.widths.append(max(1, round(grid.voxel_size * camera.K[0, 0] / middle)))
+        self.used = np.flatnonzero((pixels >= 0).sum(0) >= min_cameras)
+        self.pixels = np.ascontiguousarray(pixels[:, self.used])
+        self.depths = np.ascontiguousarray(depths[:, self.used])
+
+    def carve(self, evidence: np.ndarray) -> np.ndarray:
+        """Return the flat indices, ascending, of the occupied voxels: each has the largest evidence
+        of the pixels that it covers. evidence: maps (V, H, W) from `remove_speckle`."""
+        votes = np.zeros(len(self.used), np.int32)
+        for counts, at, width in zip(evidence, self.pixels, self.widths, strict=True):
+            wide = _to_evidence(cv2.dilate(_bytes(counts), np.ones((width, width), np.uint8)))
+            votes += np.where(at >= 0, wide.ravel()[at], 0)
+        return self.used[votes > 0]
+
+
 def largest_parts_box(
     rig: CameraRig, evidence: list[np.ndarray], grid: VoxelGrid, min_cameras: int
 ) -> tuple[np.ndarray, np.ndarray] | None:
     """Return the box, m, around the largest connected parts of all frames; None if there are none.
     evidence: maps of each frame, from `remove_speckle`."""
-    centres = grid.centres()
-
-    def look(view: int) -> tuple[np.ndarray, list[np.ndarray]]:
-        """Return the voxels that a camera sees, and their evidence in each frame."""
-        camera = rig[view]
-        inside, row, column, depth = camera.look_up(centres)
-        if not len(depth):
-            return np.zeros(0, int), [np.zeros(0, int)] * len(evidence)
-        covered = grid.voxel_size * camera.K[0, 0] / float(np.median(depth))
-        pixels = row * rig.width + column
-        counts = [_dilate_foreground(maps[view], covered).ravel()[pixels] for maps in evidence]
-        return np.flatnonzero(inside), [np.where(of == UNKNOWN, 0, of) for of in counts]
-
-    votes = np.zeros((len(evidence), grid.size), np.int32)
-    seeing = np.zeros(grid.size, np.int32)
-    for seen, counts in map_in_threads(look, range(len(rig))):
-        seeing[seen] += 1
-        for frame, of in enumerate(counts):
-            votes[frame, seen] += of
-    occupied = (votes > 0) & (seeing >= min_cameras)
-    shapes = [frame.reshape(grid.shape) for frame in occupied]
-    parts = list(map_in_threads(find_largest_region_box, shapes))
-    corners = np.array([part for part in parts if part is not None])
+    space = CoarseSpace(rig, grid, min_cameras)
+    boxes = map_in_threads(
+        lambda maps: find_largest_region_box(space.carve(maps), grid.shape), evidence
+    )
+    corners = np.array([box for box in boxes if box is not None])
     if not len(corners):
         return None
     low, high = corners[:, 0].min(0), corners[:, 1].max(0)
@@ -92,14 +106,9 @@ def largest_parts_box(
 
 
 def remove_speckle(evidence: np.ndarray) -> np.ndarray:
-    """Return evidence maps (V, H, W) int8 after a 5x5 median."""
-    return np.stack([_to_evidence(cv2.medianBlur(_bytes(view), 5)) for view in evidence])
-
-
-def _dilate_foreground(evidence: np.ndarray, pixels: float) -> np.ndarray:
-    """Return evidence (H, W) with the foreground dilated by a voxel that is `pixels` wide."""
-    size = max(1, round(pixels))
-    return _to_evidence(cv2.dilate(_bytes(evidence), np.ones((size, size), np.uint8)))
+    """Return evidence maps (V, H, W) int8 after a 5x5 median; 0 where nothing is known."""
+    known = np.where(evidence == UNKNOWN, np.int8(0), evidence)
+    return np.stack([_to_evidence(cv2.medianBlur(_bytes(view), 5)) for view in known])
 
 
 def _bytes(evidence: np.ndarray) -> np.ndarray:

@@ -24,14 +24,17 @@ def test_small_parts_go(dimensions: int) -> None:
     only[small] = False
     np.testing.assert_array_equal(keep_large_regions(occupied, 0.1), only)
     np.testing.assert_array_equal(keep_large_regions(occupied, 0.0), occupied)
-    box = find_largest_region_box(occupied)
+    box = find_largest_region_box(np.flatnonzero(occupied), occupied.shape)
     assert box is not None
     np.testing.assert_array_equal(box, [[1] * dimensions, [10] * dimensions])
 
 
 def test_nothing_has_no_parts() -> None:
     empty = np.zeros((4, 5), bool)
-    assert not keep_large_regions(empty, 0.5).any() and find_largest_region_box(empty) is None
+    assert (
+        not keep_large_regions(empty, 0.5).any()
+        and find_largest_region_box(np.flatnonzero(empty), empty.shape) is None
+    )
     assert keep_large_regions(empty[:0], 0.5).shape == (0, 5)
 
 
