@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from collections.abc import Sequence as Items
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from apf.body.model import BodyModel
 from apf.filters.method import Method
 from apf.keypoints.keypoints import Keypoints
 from apf.request import TrackRequest
+from apf.takes.results import FinishedTake
 from apf.takes.start import STATURES, load_template
 from apf.takes.track import run_track
 from apf.tracking.people import MOST_PEOPLE, PeopleTracks
@@ -68,26 +70,11 @@ def track(
     logged as warnings. Raises InputError if nobody is found or a file is invalid, DeviceError if
     the device cannot be used.
     """
-    check_sequence(sequence, frames)
-    kinds = {"method": method, "body": body, "init": init, "keypoints": keypoints}
-    _check_arguments(height, **kinds, reconstruction=reconstruction)
-    request = TrackRequest(
-        folders=(sequence.folder,),
-        body=body,
-        init=init,
-        method=method or Method(),
-        frames=_check_frames(sequence, frames),
-        height=height,
-        voxel_size=voxel_size,
-        all_cameras=all_cameras,
-        keypoints=keypoints,
-        reconstruction=reconstruction or ReconstructionConfig(),
-    )
-    with open_progress(progress) as line:
-        done = run_track(
-            request, resolve_device(device), line, sequence=sequence,
-            why_one="apf.track follows one person, apf.track_people all",
-        )  # fmt: skip
+    done = _run(
+        sequence, device, progress, why_one="apf.track follows one person, apf.track_people all",
+        body=body, init=init, method=method, frames=frames, height=height, voxel_size=voxel_size,
+        all_cameras=all_cameras, keypoints=keypoints, reconstruction=reconstruction,
+    )  # fmt: skip
     done[0].raise_error()
     return done[0].take.tracks[0]
 
@@ -115,53 +102,61 @@ def track_people(
     alone who is where. The rest as of `track`. Raises as `track` does, and InputError for an
     impossible number, an objective of one person or a body of one person.
     """
-    check_sequence(sequence, frames)
-    _check_arguments(None, method=method, body=body, reconstruction=reconstruction)
     if number is not None:
         check_number("number", number, 1, MOST_PEOPLE)
-    if method is not None and not method.uses_voxels and method.objective != "keypoints":
+    if isinstance(method, Method) and not (method.uses_voxels or method.objective == "keypoints"):
         raise InputError(f"the objective {method.objective} tracks one person; expected voxel")
-    if load_template(body)[1]:
+    if isinstance(body, (str, Path)) and load_template(body)[1]:
         raise InputError(f"{body}: a file holds one person's body; expected a shipped name")
-    request = TrackRequest(
-        folders=(sequence.folder,),
-        body=body,
-        method=method or Method(),
-        frames=_check_frames(sequence, frames),
-        voxel_size=voxel_size,
-        all_cameras=all_cameras,
-        keypoints=keypoints,
-        people="auto" if number is None else number,
-        reconstruction=reconstruction or ReconstructionConfig(),
-    )
-    with open_progress(progress) as line:
-        done = run_track(request, resolve_device(device), line, sequence=sequence)
+    done = _run(
+        sequence, device, progress, people="auto" if number is None else number, body=body,
+        method=method, frames=frames, voxel_size=voxel_size, all_cameras=all_cameras,
+        keypoints=keypoints, reconstruction=reconstruction,
+    )  # fmt: skip
     for one in done:
         one.raise_error()
     if done[0].everybody is not None:
         return done[0].everybody
-    indices = np.arange(len(sequence))[request.frames]
-    return PeopleTracks((done[0].take.tracks[0],), indices, (indices,))
+    tracked = done[0].take.tracks[0]
+    indices = np.arange(len(sequence))[frames or slice(None)]
+    return PeopleTracks((tracked,), indices, (indices,))
 
 
-def _check_frames(sequence: Sequence, frames: slice | None) -> slice:
-    """Return the frames to track, all by default. Raises InputError if there is none."""
-    if not len(range(len(sequence))[frames or slice(None)]):
+def _run(
+    sequence: Sequence,
+    device: Device | NumpyDevice | str | None,
+    progress: Callable[[str], object] | bool,
+    why_one: str = "",
+    **stated: Any,
+) -> list[FinishedTake]:
+    """Run a request with the fields that are `stated`; None stands for a field's default. Raises
+    UserError."""
+    check_sequence(sequence, stated["frames"])
+    _check_arguments(**stated)
+    frames = stated["frames"] or slice(None)
+    if not len(range(len(sequence))[frames]):
         raise InputError(f"{frames} chooses none of the {len(sequence)} frames of {sequence.name}")
-    return frames or slice(None)
+    values = {name: value for name, value in stated.items() if value is not None}
+    request = TrackRequest(**{**values, "folders": (sequence.folder,), "frames": frames})
+    with open_progress(progress) as line:
+        return run_track(request, resolve_device(device), line, sequence=sequence, why_one=why_one)
 
 
-def _check_arguments(height: float | None, **arguments: object) -> None:
-    """Raise InputError for an impossible height, m, or an argument of `track` of the wrong type."""
+def _check_arguments(
+    method: object = None,
+    body: object = None,
+    init: object = None,
+    keypoints: object = None,
+    reconstruction: object = None,
+    height: float | None = None,
+    **_: object,
+) -> None:
+    """Raise InputError for an impossible height, m, or an argument of the wrong type."""
     if height is not None:
         check_number("height, m,", height, *STATURES)
-    kinds: dict[str, tuple[type, ...]] = {
-        "method": (Method,),
-        "body": (BodyModel, str, Path),
-        "init": (np.ndarray, str, Path),
-        "keypoints": (Keypoints, str, Path),
-        "reconstruction": (ReconstructionConfig,),
-    }
-    for name, value in arguments.items():
-        hint = ", such as apf.Method.create()" if name == "method" else ""
-        check_kind(name, value, kinds[name], hint)
+    check_kind("method", method, (Method,), ", such as apf.Method.create()")
+    check_kind("body", body, (BodyModel, str, Path))
+    check_kind("init", init, (np.ndarray, str, Path))
+    if not isinstance(keypoints, list | tuple):
+        check_kind("keypoints", keypoints, (Keypoints, str, Path))
+    check_kind("reconstruction", reconstruction, (ReconstructionConfig,))

@@ -337,18 +337,11 @@ class TrackRequest(TrackingRequest):
         Flag("corrections of a track by hand (TOML, as the page of apf studio writes them): parts "
              "of it are tracked again from the corrected frames, the rest stays as it is", "FILE"),
     ] = None  # fmt: skip
-    at_once: Annotated[
-        int | None,
-        Flag("of several takes, work on N at a time (default: as the workers of apf batch)", "N"),
-    ] = None
 
     def batch(self) -> BatchRequest:
         """Return the request of `apf batch` for several takes, which are not exported."""
         stated = self.stated.only(BatchRequest)
-        values = {**stated.values, "to": ()}
-        if self.at_once is not None:
-            values["workers"] = self.at_once
-        return BatchRequest.from_stated(replace(stated, values=values))
+        return BatchRequest.from_stated(replace(stated, values={**stated.values, "to": ()}))
 
 
 class BatchRequest(TrackingRequest):
@@ -557,9 +550,6 @@ class KeypointsRequest(FolderRequest):
     ] = 1  # fmt: skip
 
 
-BODY = Flag("body model of a track that does not hold its own", "B", Path)
-
-
 class SmoothRequest(Request):
     """The request of `apf smooth`."""
 
@@ -570,7 +560,6 @@ class SmoothRequest(Request):
     smoothing: Annotated[SmoothingConfig, Part(only=("cutoff", "lag"), fill=True)] = part(
         SmoothingConfig
     )
-    body: Annotated[Path | None, BODY] = None
 
 
 class ExportRequest(Request):
@@ -599,7 +588,6 @@ class ExportRequest(Request):
              "(y z x) (default: y-up)", choices=AXES),
     ] = "y-up"  # fmt: skip
     smoothing: Annotated[SmoothingConfig, Part(only=("cutoff",), fill=True)] = part(SmoothingConfig)
-    body: Annotated[Path | None, BODY] = None
     raw: Annotated[bool, Flag("the poses as they were tracked, without smoothing")] = False
 
 
@@ -659,7 +647,6 @@ class RenderRequest(FolderRequest):
     track: Annotated[Path, folder_flag("folder that `apf track` wrote", "TRACK")]
     output: Annotated[Path, output_flag("folder")]
     frames: Annotated[slice | None, of_psfs.FRAMES] = None
-    body: Annotated[Path | None, BODY] = None
     look: Annotated[
         ObjectiveConfig,
         Part(SHAPE, only=_OF_SHAPES, texts=_SHAPE_TEXTS, default=_method_default,
@@ -716,4 +703,3 @@ class ViewRequest(of_psfs.ViewRequest):
         folder_flag("folder that `apf track` wrote, whose body is shown in the voxels of OUT",
                     "TRACK", nargs="?"),
     ] = None  # fmt: skip
-    body: Annotated[Path | None, BODY] = None

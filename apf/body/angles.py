@@ -156,3 +156,15 @@ def decompose_yxy(rotations: np.ndarray) -> np.ndarray:
     return np.stack(
         [np.arctan2(-r[:, 0, 1], -r[:, 2, 1]), elevation, np.arctan2(-r[:, 1, 0], r[:, 1, 2])], -1
     )
+
+
+def rotation_between(start: np.ndarray, end: np.ndarray) -> np.ndarray:
+    """Return the smallest rotation (3, 3) from the direction of `start` to that of `end`."""
+    a, b = start / np.linalg.norm(start), end / np.linalg.norm(end)
+    cross, cosine = np.cross(a, b), float(a @ b)
+    if cosine < -1 + 1e-9:  # any perpendicular axis will do
+        across = np.cross(a, np.eye(3)[np.abs(a).argmin()])
+        across /= np.linalg.norm(across)
+        return 2 * np.outer(across, across) - np.eye(3)
+    skew = np.array([[0, -cross[2], cross[1]], [cross[2], 0, -cross[0]], [-cross[1], cross[0], 0]])
+    return np.eye(3) + skew + skew @ skew / (1 + cosine)

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 
 from apf.body.limbs import limb_names
-from apf.cli.opened_track import open_given_track, stated_cutoff
+from apf.cli.opened_track import open_given_tracks, stated_cutoff
 from apf.formats.opensim.setup import ANGLES, INVERSE_KINEMATICS, SCALING
 from apf.request import ExportRequest
-from apf.tracking.config import OPENSIM, SmoothingConfig
+from apf.tracking.config import OPENSIM
 from apf.tracking.motion_files import Export, export
-from apf.tracking.people import PeopleTracks, holds_people, person_folder
+from apf.tracking.people import holds_people, person_folder
 from apf.tracking.track import spans
 from psfs.cli.commandline import stdout, warn
 from psfs.common.outputs import output_folder
@@ -25,38 +23,27 @@ def run(request: ExportRequest) -> None:
         request.refuse(["axes"], "applies only to the TRC; expected --to trc with it")
     if request.to is None or OPENSIM not in request.to:
         request.refuse(["osim_model"], f"applies only to OpenSim; expected --to {OPENSIM} with it")
-    config = request.smoothing
     folder = request.output or (request.track if request.track.is_dir() else request.track.parent)
     with output_folder(folder, request.COMMAND, addition=True):
-        if not holds_people(request.track):
-            _export(request, folder, config)
-            return
-        request.refuse(["body"], "applies only to one person; expected none with several")
-        for number, seen in enumerate(PeopleTracks.open(request.track).seen, start=1):
-            own, into = (person_folder(of, number) for of in (request.track, folder))
-            into.mkdir(parents=True, exist_ok=True)
-            stdout.print(f"{into.name}:")
-            _export(request.replace(track=own), into, config, seen)
+        tracks = open_given_tracks(request.track, stated_cutoff(request))
+        several = holds_people(request.track)
+        for number, (track, seen) in enumerate(zip(tracks, tracks.seen, strict=True), start=1):
+            into = person_folder(folder, number) if several else folder
+            if several:
+                into.mkdir(parents=True, exist_ok=True)
+                stdout.print(f"{into.name}:")
+            written = export(
+                track, into, request.to, axes=request.axes, smoothing=request.smoothing,
+                raw=request.raw, osim_model=request.osim_model,
+            )  # fmt: skip
+            print_export(written, request.to is None or "gait" in request.to, seen)
 
 
-def _export(
-    request: ExportRequest, folder: Path, config: SmoothingConfig, seen: np.ndarray | None = None
-) -> None:
-    """Write one person's files into `folder`, and print what they contain. seen: frames (F,) that
-    show the person, None for all."""
-    track = open_given_track(request.track, request.body, stated_cutoff(request))
-    written = export(
-        track, folder, request.to, axes=request.axes, smoothing=config, raw=request.raw,
-        osim_model=request.osim_model,
-    )  # fmt: skip
-    print_export(written, request.to is None or "gait" in request.to, seen)
-
-
-def print_export(written: Export, gait_wanted: bool, seen: np.ndarray | None = None) -> None:
-    """Print what the files contain, what is missing from them, and where they are; seen: see
-    `_export`."""
+def print_export(written: Export, gait_wanted: bool, seen: np.ndarray) -> None:
+    """Print what the files contain, what is missing from them, and where they are; seen: frames
+    (F,) that show the person."""
     track = written.track
-    there = track.present if seen is None else track.present & np.isin(track.frames, seen)
+    there = track.present & np.isin(track.frames, seen)
     if track.smoothing is None:
         stdout.print(f"{len(track)} frames as they were tracked, not smoothed")
     else:

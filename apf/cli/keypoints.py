@@ -51,23 +51,17 @@ def _detect(
     crop = sequence.empty_scene and request.crop and people is None
     device = request.device if crop else None
     job = EstimationJob(Path(request.folder), stated_keys(request.capture), device, people)
-    bar = progress_bar()
-    task = bar.add_task("keypoints", total=len(sequence) * len(sequence.rig))
-
-    def show(done: int) -> None:
-        if done:  # not before: an error must stay a single line
-            bar.start()
-        bar.update(task, completed=done)
-
     found = {}
-    try:
+    with progress_bar() as bar:
+        task = bar.add_task("keypoints", total=len(sequence) * len(sequence.rig))
+
+        def show(done: int) -> None:
+            bar.update(task, completed=done)
+
         with closing(estimate_keypoints(job, request.at_once, show)) as cameras:
             for camera, points in cameras:
                 write_openpose(request.output / f"{camera}_json", camera, points)
                 found[camera] = np.isfinite(points).any((2, 3)).sum(1).tolist()
-    finally:
-        if bar.live.is_started:
-            bar.stop()
     return found
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 import webbrowser
-from collections.abc import Callable
 from contextlib import ExitStack, closing
 from dataclasses import replace
 from pathlib import Path
@@ -27,7 +26,7 @@ from apf.live.session import Live, LiveResult, LiveStart, list_sizes
 from apf.live.sources import Source, fitting_factor
 from apf.live.timeline import Timeline, live_errors, summarise_seconds
 from apf.request import LiveRequest
-from apf.takes.results import RESULTS, Keeper, remove_parts, write_files
+from apf.takes.results import RESULTS, Keeper, remove_parts, write_people
 from apf.takes.start import check_start
 from apf.tracking.people import PeopleTracks, person_folder
 from apf.tracking.pipeline import build_track
@@ -43,8 +42,6 @@ from psfs.opening import open_sequence
 _APART = 1.0
 #: True joints of each person by name.
 Truth = dict[str, JointSeries]
-#: What `Live.run` reports to.
-Progress = Callable[[LiveResult, Timeline], object]
 
 
 def run(request: LiveRequest) -> None:
@@ -85,7 +82,7 @@ def _live(
         source, start = start_captures(request, method, number)
     else:
         source, start = start_replay(request, method, device, number)
-    grid, several = start.grid, bool(start.others)
+    grid, several = start.grid, len(start.people) > 1
     sized_by_hand = not request.chosen.isdisjoint(("n_particles", "n_layers"))
     searches = [method] if sized_by_hand and request.budget is None else list_sizes(method, config)
     follow = bool(request.captures) and request.capture.volume is None and not several
@@ -202,18 +199,10 @@ class PartKeeper:
 
 
 def _write_tracks(output: Path, tracks: list[Track]) -> dict[str, Any]:
-    """Write the files of each person's track, of several into a folder each; return facts for the
-    summary."""
+    """Write the files of each person's track; return facts for the summary."""
+    write_people(output, _gather(tracks))
     facts = {"lost": sum(int(track.lost.sum()) for track in tracks)}
-    if len(tracks) == 1:
-        write_files(output, tracks[0], tracks[0].its_body)
-        return facts
-    for number, track in enumerate(tracks, start=1):
-        folder = person_folder(output, number)
-        folder.mkdir(parents=True, exist_ok=True)
-        write_files(folder, track, track.its_body)
-    _gather(tracks).save_list(output)
-    return facts | {"people": len(tracks)}
+    return facts | ({"people": len(tracks)} if len(tracks) > 1 else {})
 
 
 def _gather(tracks: list[Track]) -> PeopleTracks:
@@ -249,22 +238,14 @@ def _run(
         else:
             progress = PaceReporter(pace.wanted, None, stderr.print, late)
         if not request.studio:
-            return live.run(_report_to(keep, progress), warn), []
+            return live.run([keep, progress], warn), []
         from apf.studio.live import LivePage  # imports an extra
 
         rig = live.source.rig
         page = stack.enter_context(closing(LivePage(start, rig, live.stop)))
         stdout.print(f"{page.address} (for this machine alone)")
         webbrowser.open(page.address)
-        return live.run(_report_to(keep, progress, page), warn), page.takes
-
-
-def _report_to(*listeners: Progress) -> Progress:
-    def report(result: LiveResult, timeline: Timeline) -> None:
-        for listener in listeners:
-            listener(result, timeline)
-
-    return report
+        return live.run([keep, progress, page], warn), page.takes
 
 
 def _check_ranges(request: LiveRequest) -> None:

@@ -60,7 +60,7 @@ def start_replay(
         everybody = _start_people(request, session, frames, number)
         if everybody is not None:
             room, given = everybody
-            return Replay(sequence, frames), LiveStart(room, *given[0], tuple(given[1:]))
+            return Replay(sequence, frames), LiveStart(room, given)
     one = read_given_start(
         sequence.folder, frames[0], request.body, request.init, request.convention
     )
@@ -71,7 +71,7 @@ def start_replay(
         one = find_first_pose(session, request, None, warn)
     if request.people is None:
         warn_of_others(session, frames, one)
-    return Replay(sequence, frames), LiveStart(grid, *one)
+    return Replay(sequence, frames), LiveStart(grid, [one])
 
 
 def start_captures(
@@ -101,7 +101,7 @@ def start_captures(
         )
         size = request.voxel_size or default_voxel_size(source.rig, low, high)
         grid = VoxelGrid.covering(low, high, size)
-    return source, LiveStart(grid, *given[0], tuple(given[1:]))
+    return source, LiveStart(grid, given)
 
 
 def _start_people(

@@ -11,7 +11,7 @@ import numpy as np
 from apf.backend import draw_poses
 from apf.body.mesh import BodyMesh
 from apf.body.model import BodyModel
-from apf.cli.opened_track import open_given_track
+from apf.cli.opened_track import open_given_tracks
 from apf.image_objective.config import ObjectiveConfig
 from apf.image_objective.opengl.renderer import draw_by_opengl
 from apf.request import RenderRequest
@@ -40,7 +40,7 @@ def run(request: RenderRequest) -> None:
     if request.opengl:
         request.refuse(["round_ends", "device"], "is OpenCL's; expected none with --opengl")
     look = request.look
-    files = (request.body, look.mesh_file, look.mesh_weights, look.mesh_pose)
+    files = (look.mesh_file, look.mesh_weights, look.mesh_pose)
     given = [Path(path) for path in files if path]
     inputs = [Path(request.folder), request.track, *given]
     with output_folder(request.output, request.COMMAND, inputs, (SETTINGS,)) as out:
@@ -52,7 +52,7 @@ def _render(request: RenderRequest, out: OutputFolder, look: ObjectiveConfig) ->
     sequence = open_sequence(request)
     out.check_inputs(sequence.inputs)
     chosen = select_common_frames(request.frames, sequence, warn)
-    track = open_given_track(request.track, request.body)
+    track = open_given_tracks(request.track)[0]
     body = track.its_body
     rows = [row for row, frame in enumerate(track.frames) if frame in chosen]
     if not rows:

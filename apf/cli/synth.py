@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from contextlib import ExitStack
-
 from apf.request import SynthRequest
 from apf.synthetic.generate import generate
 from cl import select_device
@@ -15,16 +13,12 @@ from psfs.common.requests import write_settings
 def run(request: SynthRequest) -> None:
     config = request.scene
     device = select_device(request.device)
-    with output_folder(request.output, request.COMMAND), ExitStack() as stack:
-        bar = progress_bar()
-        task = bar.add_task("rendering", total=config.frames)
-
-        def advance(done: int, _: int) -> None:
-            if done == 1:  # not before: an error must stay a single line
-                stack.enter_context(bar)
-            bar.update(task, completed=done)
-
-        generate(request.output, config, device, advance)
+    with output_folder(request.output, request.COMMAND):
+        with progress_bar() as bar:
+            task = bar.add_task("rendering", total=config.frames)
+            generate(
+                request.output, config, device, lambda done, _: bar.update(task, completed=done)
+            )
         write_settings(request.output, request)
     who = f"{config.people} people, " if config.people > 1 else ""
     stdout.print(

@@ -21,8 +21,6 @@ def run(request: TrackRequest) -> None:
         run_triangulate(request, take_names(request.folders))
         return
     check_request(request)
-    if request.at_once is not None and request.at_once < 1:
-        raise InputError(f"--at-once is {request.at_once}; expected at least 1")
     if len(request.folders) > 1:
         request.refuse(["corrections"], "applies only to one take; expected none with several")
         if request.init is not None:
@@ -31,7 +29,6 @@ def run(request: TrackRequest) -> None:
 
         run_batch(request.batch())
         return
-    request.refuse(["at_once"], "applies only to several takes; expected more than one")
     bar = make_stage_bar(stderr.console, is_quiet())
     line = TakeLine(bar)
     with ExitStack() as stack:

@@ -8,7 +8,7 @@ from functools import lru_cache, partial
 
 import numpy as np
 
-from apf.cli.opened_track import open_given_track
+from apf.cli.opened_track import open_given_tracks
 from apf.request import ViewRequest
 from apf.studio.folders import find_kind
 from apf.studio.opened import OpenedTracks, add_tracks, open_track, read_seen_frames
@@ -23,7 +23,7 @@ from psfs.page.clouds import open_voxels
 def run(request: ViewRequest) -> None:
     if request.track is not None:
         people = list_people(request.track) or [request.track]
-        tracks = {path.name: open_given_track(path, request.body) for path in people}
+        tracks = {path.name: open_given_tracks(path)[0] for path in people}
         seen = read_seen_frames(request.track)
         run, frame = open_folder(request)
         mesher = make_mesher(request, run) if request.png is None else None

@@ -9,7 +9,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from apf.tracking.track import Track
+from apf.tracking.track import Track, concatenate_tracks
 
 
 @dataclass(frozen=True)
@@ -52,32 +52,15 @@ def join_tracks(tracks: Sequence[Track]) -> tuple[Track, list[Seam]]:
     seams = [find_seam(a, b) for a, b in pairwise(tracks)]
     begins = [-np.inf, *(s.frame for s in seams)]
     ends = [*(s.frame for s in seams), np.inf]
-    rows = [
-        (track.frames >= begin) & (track.frames < end)
+    parts = [
+        track.select((track.frames >= begin) & (track.frames < end))
         for track, begin, end in zip(tracks, begins, ends, strict=True)
     ]
-
-    def stacked(name: str) -> np.ndarray:
-        return np.concatenate([getattr(t, name)[r] for t, r in zip(tracks, rows, strict=True)])
-
-    names = set.intersection(*(set(track.diagnostics) for track in tracks))
-    diagnostics = {
-        name: np.concatenate([t.diagnostics[name][r] for t, r in zip(tracks, rows, strict=True)])
-        for name in tracks[0].diagnostics
-        if name in names
-    }
     provenance = json.loads(tracks[0].provenance)
     provenance["parts"] = [
         {"frame": s.frame, "apart_mm": to_millimetres(s.distance)} for s in seams
     ]
-    whole = replace(
-        tracks[0],
-        frames=stacked("frames"),
-        poses=stacked("poses"),
-        joints=stacked("joints"),
-        diagnostics=diagnostics,
-        provenance=json.dumps(provenance),
-    )
+    whole = replace(concatenate_tracks(parts), provenance=json.dumps(provenance))
     return whole, seams
 
 

@@ -9,12 +9,11 @@ from dataclasses import dataclass
 from itertools import islice
 from typing import Any, TypeVar
 
+from apf.cluster.task_side import PULSE
 from apf.cluster.workers import MOST_WORKERS
 
 #: Number of times that a task is tried.
 ATTEMPTS = 3
-#: Interval at which joining and leaving workers are noticed, s.
-_PULSE = 0.5
 
 T = TypeVar("T")
 
@@ -75,7 +74,7 @@ class Pool(ABC):
                         running[threads.submit(job)] = name
                     if not running:
                         return
-                    for future in wait(running, _PULSE, FIRST_COMPLETED).done:
+                    for future in wait(running, PULSE, FIRST_COMPLETED).done:
                         yield running.pop(future), future.exception() or future.result()
             finally:
                 if running:

@@ -17,10 +17,14 @@ from apf.cluster.pool import ATTEMPTS, Pool, Task
 from apf.cluster.task_side import Progress, TaskProgress, TaskStopped
 from apf.cluster.workers import Share, set_up_worker
 from cl import InputError
-from psfs.common.system import changed_environment, defer_interrupts, handle_signals, ignore_signals
+from psfs.common.system import (
+    PATIENCE,
+    changed_environment,
+    defer_interrupts,
+    handle_signals,
+    ignore_signals,
+)
 
-#: Time in which a stopped take writes what it has, s.
-_TO_WRITE = 60.0
 #: Time without a word from a take, s, after which its worker hangs: stages take minutes.
 _SILENCE = 1800.0
 
@@ -127,7 +131,7 @@ class Processes(Pool):
         self._idle.put(None)
         for worker in self._workers:
             worker.process.terminate()
-        until = time.monotonic() + _TO_WRITE
+        until = time.monotonic() + PATIENCE
         for worker in self._workers:
             worker.wait(until)
 

@@ -21,8 +21,8 @@ from cl import UserError
 
 #: Batches whose tasks must stop in this process.
 _stopped: set[str] = set()
-#: Least time between two messages of a task, s.
-_MESSAGE_INTERVAL = 0.5
+#: Least time between two messages of a task, and between two looks at who works, s.
+PULSE = 0.5
 
 
 class TaskStopped(Exception):
@@ -74,7 +74,7 @@ class TaskProgress(StageProgress):
         if stage != self._stage:
             self._enter(stage)
         self._done[stage] += 1
-        if time.monotonic() > self._sent + _MESSAGE_INTERVAL:
+        if time.monotonic() > self._sent + PULSE:
             self._send()
 
     def _enter(self, stage: str) -> None:

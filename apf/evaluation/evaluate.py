@@ -280,6 +280,7 @@ def evaluate_points(
         raise InputError("the truth is missing (NaN) in every frame of the track")
     if covariance is None:
         covariance = np.full((*offsets.shape, 3), np.nan)
+    lost, flagged, shares = _read_flags(track, names, rows[compared])
     return Evaluation(
         joint_names=tuple(name for name, some in zip(names, with_truth, strict=True) if some),
         frames=frames[compared],
@@ -287,36 +288,34 @@ def evaluate_points(
         offsets=offsets[compared][:, with_truth],
         body_frames=axes[compared] if axes.ndim == 3 else axes[compared][:, with_truth],
         covariance=covariance[compared][:, with_truth],
-        lost=_lost_frames(track)[rows][compared],
+        lost=lost,
         unmatched_track=(),
         unmatched_truth=(),
         n_ignored=int(missing.sum()),
         warnings=list_warnings(track.frames, truth),
-        predicted_lost_fraction=_compute_lost_fractions(track, rows[compared]),
-        flagged=_flagged_joints(track, names)[rows][compared][:, with_truth],
+        predicted_lost_fraction=shares,
+        flagged=flagged[:, with_truth],
     )
 
 
-def _flagged_joints(track: Track | JointSeries, names: tuple[str, ...]) -> np.ndarray:
-    """Return (F, J) bool: which joints belong to limbs that the track reports as lost. Points that
-    are no joints of the track belong to none."""
-    found = np.zeros((len(track.frames), len(names)), bool)
-    if isinstance(track, Track) and track.body is not None:
-        columns, gone = match_joints(track.joint_names), track.lost_limbs @ limb_joints(track.body)
-        for j, name in enumerate(names):
-            if name in columns:
-                found[:, j] = gone[:, columns[name]]
-    return found
-
-
-def _compute_lost_fractions(track: Track | JointSeries, rows: np.ndarray) -> dict[str, float]:
-    """Return the share of `rows` in which the track reports a limb as lost, by limb; limbs that are
-    never lost are left out."""
-    if not isinstance(track, Track) or track.body is None:
-        return {}
-    shares = track.lost_limbs[rows].mean(axis=0)
-    found = dict(zip(limb_names(track.body), shares.tolist(), strict=True))
-    return {name: share for name, share in found.items() if share}
+def _read_flags(
+    track: Track | JointSeries, names: tuple[str, ...], rows: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, dict[str, float]]:
+    """Return what a track reports in `rows`: where the person is lost (F,), which joints belong to
+    lost limbs (F, J), and the share of frames in which each limb is lost, if it ever is. Points
+    that are no joints of the track belong to no limb."""
+    flagged = np.zeros((len(rows), len(names)), bool)
+    if not isinstance(track, Track):
+        return np.zeros(len(rows), bool), flagged, {}
+    if track.body is None:
+        return track.lost[rows], flagged, {}
+    limbs = track.lost_limbs[rows]
+    columns, gone = match_joints(track.joint_names), limbs @ limb_joints(track.body)
+    for j, name in enumerate(names):
+        if name in columns:
+            flagged[:, j] = gone[:, columns[name]]
+    shares = zip(limb_names(track.body), limbs.mean(axis=0).tolist(), strict=True)
+    return track.lost[rows], flagged, {name: share for name, share in shares if share}
 
 
 def _reported_covariance(track: Track | JointSeries, names: tuple[str, ...]) -> np.ndarray:
@@ -328,11 +327,6 @@ def _reported_covariance(track: Track | JointSeries, names: tuple[str, ...]) -> 
             if name in columns:
                 found[:, j] = track.covariance[:, columns[name]]
     return found
-
-
-def _lost_frames(track: Track | JointSeries) -> np.ndarray:
-    """Return the frames (F,) that the track reports as lost."""
-    return track.lost if isinstance(track, Track) else np.zeros(len(track.frames), bool)
 
 
 def _body_frames(joints: np.ndarray) -> np.ndarray:

@@ -6,8 +6,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import numpy as np
-
 from apf.body.kinematics import bone_matrices
 from apf.evaluation.evaluate import Evaluation, common_frames, evaluate_points
 from apf.evaluation.marker_sets import FOLDER, SHIPPED
@@ -65,11 +63,9 @@ def evaluate_markers(track: Track, markers: MarkerSet, truth: JointSeries) -> Ev
             f"no marker in common: the truth has {join_names(truth.joint_names)}; the set "
             f"{markers.name} has {wanted} on joints that {body.name} may lack"
         ) from None
-    rotations, origins = bone_matrices(body, track.poses)
-    turned = np.einsum("fpab,pb->fpa", rotations[:, points.bones], points.offsets)
     frames, rows, true_rows = common_frames(track, truth)
-    offsets = (origins[:, points.bones] + turned)[rows] - truth.joints[true_rows][:, points.columns]
-    axes = rotations[rows][:, points.bones]
+    offsets = points.place(body, track.poses[rows]) - truth.joints[true_rows][:, points.columns]
+    axes = bone_matrices(body, track.poses[rows])[0][:, points.bones]
     found = evaluate_points(track, truth, (frames, rows), points.names, offsets, axes)
     unused = sorted(set(range(len(labels))) - set(points.columns.tolist()))
     return replace(

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from apf.body.anatomy import standing_axes
-from apf.body.angles import WORLD
+from apf.body.angles import WORLD, rotation_between
 from apf.body.kinematics import bone_matrices, posed_joints
 from apf.body.markers import virtual_markers
 from apf.body.model import BodyModel, Joint, find_side, sideless
@@ -154,23 +154,11 @@ def _rest_attitude(body: BodyModel) -> np.ndarray:
     for side, outwards in (("l", -right), ("r", right)):
         shoulder, elbow = f"{side}_shoulder", f"{side}_elbow"
         if {shoulder, elbow} <= set(places):
-            turn = _rotation_between(places[elbow] - places[shoulder], outwards)
+            turn = rotation_between(places[elbow] - places[shoulder], outwards)
             arm = body.joints[body.joint_names.index(shoulder)].bone
             for bone in _list_descendants(body, arm):
                 rotations[bone] = turn @ rotations[bone]
     return np.stack([-right, up, forward]) @ rotations
-
-
-def _rotation_between(start: np.ndarray, end: np.ndarray) -> np.ndarray:
-    """Return the smallest rotation (3, 3) from the direction of `start` to that of `end`."""
-    a, b = start / np.linalg.norm(start), end / np.linalg.norm(end)
-    cross, cosine = np.cross(a, b), float(a @ b)
-    if cosine < -1 + 1e-9:  # any perpendicular axis will do
-        across = np.cross(a, np.eye(3)[np.abs(a).argmin()])
-        across /= np.linalg.norm(across)
-        return 2 * np.outer(across, across) - np.eye(3)
-    skew = np.array([[0, -cross[2], cross[1]], [cross[2], 0, -cross[0]], [-cross[1], cross[0], 0]])
-    return np.eye(3) + skew + skew @ skew / (1 + cosine)
 
 
 def _list_descendants(body: BodyModel, bone: int) -> list[int]:

@@ -18,11 +18,13 @@ from apf.keypoints.config import AssociationConfig
 from psfs.cameras.camera import CameraRig
 from psfs.cameras.triangulation import (
     TriangulationConfig,
+    intersect_rays,
     reprojection_errors,
     triangulate,
     undistort_points,
 )
 from psfs.common.matching import find_best_path, match_pairs
+from psfs.people.following import SPEED
 from psfs.people.people import People, Person
 from psfs.voxels.grid import VoxelGrid
 
@@ -59,7 +61,7 @@ def associate_people(
     for frame in range(points.shape[1]):
         search.step(frame)
     people = sorted(search.people, key=lambda person: len(person.chosen), reverse=True)
-    least = search.config.least_seconds * fps
+    least = search.config.lasting * fps
     least = max(1, min(least, points.shape[1]))
     lasting = [person for person in people if len(person.chosen) >= least]
     return [_pick(points, person) for person in lasting[:number]]
@@ -156,9 +158,7 @@ class _Search:
     def step(self, frame: int) -> None:
         """Assign the persons of the next frame."""
         free = self.there[:, frame].copy()
-        going = [
-            one for one in self.people if frame - one.last <= self.config.longest_gap * self.fps
-        ]
+        going = [one for one in self.people if frame - one.last <= self.config.lasting * self.fps]
         chosen = np.full((len(going), len(self.rig)), -1)
         for view in range(len(self.rig)):
             costs = np.array([self._away(one.points, view, frame) for one in going])
@@ -207,7 +207,7 @@ class _Search:
             if frame in one.chosen:
                 continue
             apart = float(np.linalg.norm(np.nanmean(one.points, axis=0) - middle))
-            reach = self.config.speed * (frame - one.last) / self.fps + 0.3
+            reach = SPEED * (frame - one.last) / self.fps + 0.3
             if apart < nearest and (full or apart <= reach):
                 best, nearest = one, apart
         if best is None:
@@ -280,13 +280,14 @@ def match_to_people(
     voxels.
 
     points: (N, V, F, K, 3) of each person that was associated in the pictures. In every frame they
-    are given to the people whose voxels are nearest in the pictures (Hungarian method), up to
+    are given to the people whose voxels are nearest (Hungarian method), up to
     `config.from_voxels`: an identity that was exchanged in the pictures is not exchanged here.
     """
     config = config or AssociationConfig()
     matched = np.full((len(people), *points.shape[1:]), np.nan, np.float32)
     middles = np.stack([_middles(person, people.grid, points.shape[2]) for person in people])
-    apart = np.stack([_distances(one, middles, rig) for one in points])
+    places = np.stack([_locate_person(one, rig) for one in points])
+    apart = np.linalg.norm(places[:, None] - middles, axis=-1)
     for frame in np.flatnonzero(np.isfinite(apart).any((0, 1))):
         for k, person in match_pairs(apart[..., frame], config.from_voxels):
             matched[person, :, frame] = points[k, :, frame]
@@ -303,23 +304,14 @@ def _middles(person: Person, grid: VoxelGrid, n_frames: int) -> np.ndarray:
     return middles
 
 
-def _distances(points: np.ndarray, middles: np.ndarray, rig: CameraRig) -> np.ndarray:
-    """Return the distances (P, F) m of keypoints (V, F, K, 3) from people's middles (P, F, 3), mean
-    of the cameras; NaN where a frame lacks one of them."""
-    with np.errstate(all="ignore"):
-        seen = np.isfinite(points).all(-1)
-        counts = seen.sum(-1)[..., None]
-        means = np.where(seen[..., None], points[..., :2], 0).sum(-2) / counts
-    apart = np.full((len(rig), *middles.shape[:2]), np.nan)
-    there = np.isfinite(middles).all(-1)
-    for view, camera in enumerate(rig):
-        pixels, depth = camera.project(middles[there])
-        shown = np.full((*there.shape, 2), np.nan)
-        shown[there] = np.where(depth[:, None] > 0, pixels, np.nan)
-        away = np.full(there.shape, np.nan)
-        away[there] = depth
-        off = np.linalg.norm(shown - means[view], axis=-1)
-        apart[view] = off * away / camera.K[0, 0]
-    known = np.isfinite(apart)
-    with np.errstate(all="ignore"):
-        return np.asarray(np.where(known, apart, 0).sum(0) / known.sum(0))
+def _locate_person(points: np.ndarray, rig: CameraRig) -> np.ndarray:
+    """Return where the means of a person's keypoints (V, F, K, 3) in the pictures meet, (F, 3) m;
+    NaN in frames that fewer than two cameras show."""
+    seen = np.isfinite(points).all(-1)
+    with np.errstate(invalid="ignore"):
+        means = np.where(seen[..., None], points, 0).sum(2) / seen.sum(2)[..., None]
+    directions = [
+        camera.rays(of[:, :2].astype(np.float64)) for camera, of in zip(rig, means, strict=True)
+    ]
+    centres = np.array([camera.centre for camera in rig])
+    return intersect_rays(centres, np.stack(directions, axis=1))

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
-from apf.body.kinematics import bone_matrices
-from apf.body.model import BodyModel
 from apf.body.stature import stature as stature_of
 from apf.body.toml import load_body
 from apf.keypoints.keypoints import Keypoints
@@ -36,24 +34,6 @@ _FEWEST, _UPRIGHT = 8, 0.95
 _BODY = "song32"
 
 
-@dataclass(frozen=True, eq=False)
-class _Proportions:
-    """A standing body of the person's stature, m. places: (3,) of landmarks over the floor, by
-    name."""
-
-    places: dict[str, np.ndarray]
-
-    @classmethod
-    def create(cls, names: Sequence[str], stature: float) -> _Proportions:
-        body: BodyModel = load_body(_BODY)
-        points = locate_points(body, names)
-        rotations, origins = bone_matrices(body, np.zeros((1, body.n_dof)))
-        turned = np.einsum("pij,pj->pi", rotations[0, points.bones], points.offsets)
-        places = (origins[0, points.bones] + turned) * (stature / stature_of(body))
-        places[:, 2] -= places[:, 2].min()
-        return cls(dict(zip(points.names, places, strict=True)))
-
-
 def calibrate_by_keypoints(
     cameras: Sequence[Camera], keypoints: Keypoints, rate: float, config: PersonConfig
 ) -> PointCalibration:
@@ -76,7 +56,16 @@ def calibrate_by_keypoints(
     own = calibrate_by_points(
         cameras, points, longest, config.points, _find_segments(names), config.focal
     )
-    return _align(own, names, _Proportions.create(names, config.stature))
+    return _align(own, names, _place_standing(names, config.stature))
+
+
+def _place_standing(names: Sequence[str], stature: float) -> dict[str, np.ndarray]:
+    """Return the places (3,) m over the floor, by name, of the landmarks of a standing person."""
+    body = load_body(_BODY)
+    points = locate_points(body, names)
+    places = points.place(body, np.zeros((1, body.n_dof)))[0] * (stature / stature_of(body))
+    places[:, 2] -= places[:, 2].min()
+    return dict(zip(points.names, places, strict=True))
 
 
 def _find_segments(names: list[str]) -> list[tuple[int, int]]:
@@ -85,9 +74,11 @@ def _find_segments(names: list[str]) -> list[tuple[int, int]]:
     return [(names.index(a), names.index(b)) for a, b in found if a in names and b in names]
 
 
-def _align(found: PointCalibration, names: list[str], body: _Proportions) -> PointCalibration:
+def _align(
+    found: PointCalibration, names: list[str], standing: dict[str, np.ndarray]
+) -> PointCalibration:
     """Return the calibration in metres, Z up, with Z = 0 on the floor below the person's middle."""
-    size = _measure_scale(found.points, names, body)
+    size = _measure_scale(found.points, names, standing)
     points = size * found.points
     cameras = [replace(camera, t=size * camera.t) for camera in found.rig]
     R = turn_to_up(_measure_up(points, names), cameras[0].R[0])
@@ -97,17 +88,17 @@ def _align(found: PointCalibration, names: list[str], body: _Proportions) -> Poi
     R = turn_to_up(R.T @ np.array([-slope[0], -slope[1], 1.0]), cameras[0].R[0])
     local = points @ R.T
     middle = np.nanmedian(local.reshape(-1, 3), axis=0)
-    floor = np.median(_find_lowest(local[:, ankles])[:, 2]) - body.places[names[ankles[0]]][2]
+    floor = np.median(_find_lowest(local[:, ankles])[:, 2]) - standing[names[ankles[0]]][2]
     origin = np.array([*middle[:2], floor])
     turned = CalibrationScene(tuple(cameras), {}).transform(rigid_transform(R, -origin))
     return replace(found, rig=CameraRig(turned.cameras), points=local - origin)
 
 
-def _measure_scale(points: np.ndarray, names: list[str], body: _Proportions) -> float:
+def _measure_scale(points: np.ndarray, names: list[str], standing: dict[str, np.ndarray]) -> float:
     """Return the metres per unit of points (F, K, 3), by the sum of the median lengths of
     segments and of the distance from ankles to shoulders."""
     found = [float(np.linalg.norm(_measure_up(points, names)))]
-    ends = [body.places[f"l_{name}"] for name in ("shoulder", "ankle")]
+    ends = [standing[f"l_{name}"] for name in ("shoulder", "ankle")]
     wanted = [float((ends[0] - ends[1])[2])]
     for side in "lr":
         for pair in _SEGMENTS:
@@ -115,7 +106,7 @@ def _measure_scale(points: np.ndarray, names: list[str], body: _Proportions) -> 
             if set(own) <= set(names):
                 a, b = (points[:, names.index(end)] for end in own)
                 found.append(float(np.nanmedian(np.linalg.norm(a - b, axis=-1))))
-                wanted.append(float(np.linalg.norm(body.places[own[0]] - body.places[own[1]])))
+                wanted.append(float(np.linalg.norm(standing[own[0]] - standing[own[1]])))
     return sum(wanted) / sum(found)
 
 

@@ -29,10 +29,8 @@ class AssociationConfig(Config):
         "which both may be of one person.",
         unit="m",
     )
-    longest_gap: float = nonnegative(
-        0.5, "Time for which somebody who is not seen is still followed.", unit="s"
-    )
-    speed: float = positive(4.0, "Greatest speed of a lost person who comes back.", unit="m/s")
-    least_seconds: float = nonnegative(
-        0.5, "Time for which somebody must be seen to count.", unit="s"
+    lasting: float = nonnegative(
+        0.5,
+        "Time for which somebody must be seen to count, and is followed while not seen.",
+        unit="s",
     )

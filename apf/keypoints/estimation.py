@@ -105,8 +105,8 @@ def _estimate_camera(job: EstimationJob, camera: str, n_frames: int) -> np.ndarr
     points = np.full((n_people, n_frames, len(MEDIAPIPE), 3), np.nan)
     with ExitStack() as stack:
         networks = [stack.enter_context(closing(PoseNetwork())) for _ in range(n_people)]
-        cropped = _Crop(sequence, job.device) if job.device is not None else None
         view, people = sequence.rig[0], job.people
+        alone = CroppedFinder(networks[0], sequence, job.device) if people is None else None
         finders = [] if people is None else [
             PersonFinder(network, view, people, k) for k, network in enumerate(networks)
         ]  # fmt: skip
@@ -114,9 +114,8 @@ def _estimate_camera(job: EstimationJob, camera: str, n_frames: int) -> np.ndarr
             if _shared["stop"].is_set():
                 break
             picture = first_picture(frame, view.size)
-            found = [find(picture, frame.index) for find in finders] or [
-                find_keypoints(networks[0], frame, view.size, cropped)
-            ]
+            found = [find(picture, frame.index) for find in finders]
+            found += [alone(frame)] if alone is not None else []
             for own, person in zip(points, found, strict=True):
                 if person is not None:
                     own[frame.index] = person
@@ -144,28 +143,34 @@ def write_openpose(folder: Path, camera: str, points: np.ndarray) -> None:
         write_text(path, json.dumps(content))
 
 
-class _Crop:
-    """The crop around the person in one camera's pictures.
+class CroppedFinder:
+    """Detection of the only person in one camera's frames: in the crop around the silhouette, if a
+    `device` for it is named, or else in the whole picture."""
 
-    `crop(frame)` returns left, top, right, bottom px, or None for the whole picture; `moved` says
-    whether it differs from that of the frame before.
-    """
-
-    def __init__(self, sequence: Sequence, device: str) -> None:
-        self.moved = False
-        self._size = sequence.rig[0].size
-        self._evidence = make_evidence_function(
-            select_device(device), sequence.rig, sequence.background, SilhouetteConfig()
-        )
+    def __init__(self, network: PoseNetwork, sequence: Sequence, device: str | None) -> None:
+        self._network, self._size = network, sequence.rig[0].size
         self._box: np.ndarray | None = None
+        self._evidence = None
+        if device is not None:
+            self._evidence = make_evidence_function(
+                select_device(device), sequence.rig, sequence.background, SilhouetteConfig()
+            )
 
     def __call__(self, frame: Frame) -> np.ndarray | None:
-        width, height = self._size
-        shown = self._evidence(frame)[0, :height, :width] > 0
-        before = self._box
-        self._box = update_crop(shown, before)
-        self.moved = self._box is not before
-        return self._box
+        """Return the keypoints (33, 3) px of the whole picture; None if nobody is found."""
+        (width, height), before = self._size, self._box
+        picture = first_picture(frame, self._size)
+        if self._evidence is not None:
+            self._box = update_crop(self._evidence(frame)[0, :height, :width] > 0, before)
+        if self._box is not before:
+            self._network.forget()
+        if self._box is not None:
+            left, top, right, bottom = self._box
+            points = self._network(picture[top:bottom, left:right])
+            if points is not None:
+                return points + np.array([left, top, 0])
+            self._network.forget()
+        return self._network(picture)
 
 
 def update_crop(silhouette: np.ndarray, before: np.ndarray | None) -> np.ndarray | None:
@@ -191,26 +196,6 @@ def update_crop(silhouette: np.ndarray, before: np.ndarray | None) -> np.ndarray
     margin = _MARGIN * side
     corners = np.concatenate([np.maximum(low - margin, 0), np.minimum(high + margin, size)])
     return corners.astype(int)
-
-
-def find_keypoints(
-    network: PoseNetwork, frame: Frame, size: tuple[int, int], cropped: _Crop | None
-) -> np.ndarray | None:
-    """Return the keypoints (33, 3) of the person in a frame of one camera, px of the whole picture.
-
-    None if nobody is found, neither in the crop nor in the whole picture.
-    """
-    picture = first_picture(frame, size)
-    box = cropped(frame) if cropped is not None else None
-    if cropped is not None and cropped.moved:
-        network.forget()
-    if box is not None:
-        left, top, right, bottom = box
-        points = network(picture[top:bottom, left:right])
-        if points is not None:
-            return points + np.array([left, top, 0])
-        network.forget()
-    return network(picture)
 
 
 def first_picture(frame: Frame, size: tuple[int, int]) -> np.ndarray:

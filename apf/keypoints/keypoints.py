@@ -94,7 +94,7 @@ class Keypoints:
         most = None if number == "auto" else number
         people = associate_people(points, sequence.rig, sequence.fps, most)
         if number == "auto":
-            most = count_at_once(people, AssociationConfig().least_seconds * sequence.fps)
+            most = count_at_once(people, AssociationConfig().lasting * sequence.fps)
             if 0 < most < len(people):
                 people = associate_people(points, sequence.rig, sequence.fps, most)
         if not people:

@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from apf.body.angles import rotation_between
 from apf.body.kinematics import bone_matrices
 from apf.body.model import BodyModel
 from apf.body.stature import stature
@@ -72,6 +73,12 @@ class BodyPoints:
 
     def __len__(self) -> int:
         return len(self.names)
+
+    def place(self, body: BodyModel, poses: np.ndarray) -> np.ndarray:
+        """Return the prior positions (N, P, 3) m in the world in poses (N, D)."""
+        rotations, origins = bone_matrices(body, poses)
+        turned = np.einsum("npab,pb->npa", rotations[:, self.bones], self.offsets)
+        return np.asarray(origins[:, self.bones] + turned)
 
 
 def normalise_name(name: str) -> str:
@@ -224,15 +231,9 @@ def _locate_landmark(body: BodyModel, landmark: Landmark, scale: float) -> tuple
     bone = bones.index(landmark.bone) if landmark.bone in bones else joint.bone
     offset = scale * landmark.offset
     if landmark.up in body.joint_names:
-        offset = _rotation_from_z(world(landmark.up) - world(landmark.joint)) @ offset
+        offset = (
+            rotation_between(np.array([0.0, 0, 1]), world(landmark.up) - world(landmark.joint))
+            @ offset
+        )
     place = world(landmark.joint) + offset - origins[0, bone]
     return bone, rotations[0, bone].T @ place
-
-
-def _rotation_from_z(direction: np.ndarray) -> np.ndarray:
-    """Return the smallest rotation (3, 3) that takes the z axis to `direction` (3,)."""
-    x, y, z = direction / np.linalg.norm(direction)
-    if z < -1 + 1e-9:
-        return np.diag([1.0, -1.0, -1.0])
-    axis = np.array([[0, 0, x], [0, 0, y], [-x, -y, 0]])
-    return np.eye(3) + axis + axis @ axis / (1 + z)

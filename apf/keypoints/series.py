@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from cl import InputError
+from psfs.common.numbers import find_true_runs
 
 #: Order of the filter; running forwards and backwards doubles it.
 _ORDER = 2
@@ -18,20 +19,13 @@ def fill_gaps(points: np.ndarray, longest: int | None = None) -> np.ndarray:
 
     longest: longest gap to fill, frames; None: all. Points that are never known stay NaN.
     """
-    filled = points.copy()
-    frames = np.arange(len(points))
+    filled, frames = points.copy(), np.arange(len(points))
     for k in range(points.shape[1]):
-        known = np.flatnonzero(np.isfinite(points[:, k]).all(-1))
-        if not known.size:
-            continue
-        gap = np.ones(len(points), bool)
-        gap[known] = False
-        if longest is not None:
-            bounds = np.concatenate([[-1], known, [len(points)]])
-            after = np.searchsorted(bounds, frames, side="right")
-            gap &= bounds[np.minimum(after, len(bounds) - 1)] - bounds[after - 1] - 1 <= longest
-        for axis in range(3):
-            filled[gap, k, axis] = np.interp(frames[gap], known, points[known, k, axis])
+        known = np.isfinite(points[:, k]).all(-1)
+        for gap in find_true_runs(~known) if known.any() else ():
+            if longest is None or gap.stop - gap.start <= longest:
+                axes = [np.interp(frames[gap], frames[known], of) for of in points[known, k].T]
+                filled[gap, k] = np.stack(axes, -1)
     return filled
 
 
@@ -54,11 +48,9 @@ def low_pass(points: np.ndarray, rate: float, cutoff: float) -> np.ndarray:
     pad = max(shortest, round(_PAD * rate / cutoff))
     out = points.copy()
     for k in range(points.shape[1]):
-        known = np.isfinite(points[:, k]).all(-1)
-        edges = np.flatnonzero(np.diff(np.concatenate([[False], known, [False]])))
-        for start, stop in zip(edges[::2], edges[1::2], strict=True):
-            if stop - start > shortest:
-                piece = points[start:stop, k]
+        for run in find_true_runs(np.isfinite(points[:, k]).all(-1)):
+            piece = points[run, k]
+            if len(piece) > shortest:
                 padding = min(pad, len(piece) - 1)
-                out[start:stop, k] = sosfiltfilt(sections, piece, axis=0, padlen=padding)
+                out[run, k] = sosfiltfilt(sections, piece, axis=0, padlen=padding)
     return out

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -120,45 +120,34 @@ def observe_features(device: Device, pictures: Smaller, method: Method) -> Obser
     return lambda frame, time: [(features(pictures(frame)), None)]
 
 
-@dataclass(frozen=True, eq=False)
 class VoxelObserver:
     """Observer of voxels: one reconstruction for all, divided among several persons by where each
-    is expected."""
+    is expected. follow: the grid moves with the only person."""
 
-    device: Device
-    pictures: Smaller
-    reconstruct: Reconstructor
-    persons: Sequence[LivePerson]
-    parts: Sequence[CarvedVoxels]
-    means: Sequence[MeanPosition]
-    division: Division | None
-
-    @classmethod
-    def create(
-        cls,
+    def __init__(
+        self,
         device: Device,
         pictures: Smaller,
         grid: VoxelGrid,
         persons: Sequence[LivePerson],
         config: LiveConfig,
         follow: bool,
-    ) -> VoxelObserver:
-        """Make the observer of `persons`. follow: the grid moves with the only person."""
-        reconstruct = Reconstructor(
+    ) -> None:
+        self.pictures, self.persons = pictures, persons
+        self.reconstruct = Reconstructor(
             device, pictures.rig, grid, pictures.background, config.reconstruction,
             follow=follow,
         )  # fmt: skip
-        parts: Sequence[CarvedVoxels] = [reconstruct.voxels]
-        division = None
+        self.division: Division | None = None
+        self.parts: Sequence[CarvedVoxels] = [self.reconstruct.voxels]
         if len(persons) > 1:
             n_spheres = count_spheres(persons[0].body)
-            division = Division(
-                device, pictures.rig, reconstruct.voxels, [grid] * len(persons), n_spheres,
+            self.division = Division(
+                device, pictures.rig, self.reconstruct.voxels, [grid] * len(persons), n_spheres,
                 config.reconstruction,
             )  # fmt: skip
-            parts = division.persons
-        means = [MeanPosition(device, grid.shape, part.surface, part.count) for part in parts]
-        return cls(device, pictures, reconstruct, persons, parts, means, division)
+            self.parts = self.division.persons
+        self.means = [MeanPosition(device, grid.shape, p.surface, p.count) for p in self.parts]
 
     @property
     def grid(self) -> VoxelGrid:

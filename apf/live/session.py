@@ -23,13 +23,12 @@ from apf.live.timeline import Timeline
 from apf.scene import Scene
 from cl import Device, InputError
 from cl.batch import Batch
+from psfs.common.system import PATIENCE
 from psfs.people.separation import with_hidden_maps
 from psfs.voxels.grid import VoxelGrid
 
 PROCESSING, TRACKING = "processing", "tracking"
 STAGES = (ACQUISITION, PROCESSING, TRACKING)
-#: Time for a thread's work in progress, s; after it a driver hangs.
-_TO_END = 30.0
 #: Frames over whose median time the size of a search is chosen.
 WINDOW = 8
 
@@ -142,15 +141,17 @@ class LiveResult:
         return [list(each) for each in zip(*self.estimates, strict=True)]
 
 
+#: What a run reports to.
+Progress = Callable[[LiveResult, Timeline], object]
+
+
 @dataclass(frozen=True, eq=False)
 class LiveStart:
-    """Start of a live run. grid: of the voxels; None for image features. body: the body to track,
-    from `pose` (D,) on. others: bodies and poses of further people, who have voxels."""
+    """Start of a live run. grid: of the voxels; None for image features. people: the bodies to
+    track, each from a pose (D,) on; only one without voxels."""
 
     grid: VoxelGrid | None
-    body: BodyModel
-    pose: np.ndarray
-    others: tuple[tuple[BodyModel, np.ndarray], ...] = ()
+    people: Sequence[tuple[BodyModel, np.ndarray]]
 
 
 class Live:
@@ -182,7 +183,7 @@ class Live:
         config: LiveConfig | None = None,
     ) -> None:
         self._config = config or LiveConfig()
-        self.device, self.body = device, start.body
+        self.device = device
         self.timeline, self.result = Timeline(STAGES), LiveResult()
         self._searches, self._budget, self._follow, self._scale = searches, budget, follow, scale
         #: What is called with each pose as soon as it is known, such as `Sender.send`.
@@ -195,9 +196,8 @@ class Live:
         """Prepare everything for a source: at the start, and when it has lost a camera."""
         self.source, device = source, self.device
         pictures = Smaller(source, self._scale)
-        rig = with_hidden_maps(pictures.rig) if start.others else pictures.rig
-        people = (start.body, start.pose), *start.others
-        self._batch = Batch(device, len(people))
+        rig = with_hidden_maps(pictures.rig) if len(start.people) > 1 else pictures.rig
+        self._batch = Batch(device, len(start.people))
         self.persons = self._batch.run(
             [
                 partial(
@@ -207,7 +207,7 @@ class Live:
                     self._searches,
                     self._config,
                 )
-                for body, pose in people
+                for body, pose in start.people
             ]
         )
         self.observe = self._observer(pictures, start.grid)
@@ -242,11 +242,11 @@ class Live:
 
     def run(
         self,
-        progress: Callable[[LiveResult, Timeline], object] | None = None,
+        progress: Sequence[Progress] = (),
         warn: Callable[[str], object] = lambda text: None,
     ) -> LiveResult:
         """Track until the source ends, `stop` is called, or a KeyboardInterrupt, which ends the run
-        without an error.
+        without an error. progress: called several times a second.
 
         If a camera is gone or comes back, `warn` is told, and the run goes on with those that give
         pictures if they suffice. An exception ends the run, and is in the result, with what was
@@ -263,7 +263,7 @@ class Live:
                 warn(f"{why}; the run goes on with {', '.join(rest.rig.names)}")
                 people = [(person.body, person.pose) for person in self.persons]
                 grid = self.observe.grid if isinstance(self.observe, VoxelObserver) else None
-                self._begin(rest, LiveStart(grid, *people[0], tuple(people[1:])))
+                self._begin(rest, LiveStart(grid, people))
                 self._run_threads(progress)
         except KeyboardInterrupt:
             pass
@@ -271,7 +271,7 @@ class Live:
             self.result.error = self.result.error or error
         return self.result
 
-    def _run_threads(self, progress: Callable[[LiveResult, Timeline], object] | None) -> None:
+    def _run_threads(self, progress: Sequence[Progress]) -> None:
         work = (self._acquire, self._process, self._track)
         threads = [
             threading.Thread(target=self._run_part, args=(part,), name=stage, daemon=True)
@@ -282,12 +282,12 @@ class Live:
         try:
             while threads[-1].is_alive():
                 threads[-1].join(0.1)
-                if progress is not None:
-                    progress(self.result, self.timeline)
+                for report in progress:
+                    report(self.result, self.timeline)
         finally:
             self.stop()
             for thread in threads:
-                thread.join(_TO_END)
+                thread.join(PATIENCE)  # after it a driver hangs
 
     def stop(self) -> None:
         """End the run after the work in progress."""
@@ -339,13 +339,13 @@ class Live:
                     self.device.finish()
                     self._free.set()
                 estimates = self.search()
-            latency = self.timeline.result(shot.frame.index, shot.time)
-            seconds = self.timeline.now() - start
+            known = self.timeline.now()
+            self.timeline.add_result(shot.frame.index, shot.time, known)
             if not self._overlaps:  # else the next frame may lie here, not yet observed
                 self._free.set()
-            self.keep(observed, estimates, latency)
-            self._tracking.append(seconds)
-            if self.governor.update(self.processing_time, seconds):
+            self.keep(observed, estimates, known - shot.time)
+            self._tracking.append(known - start)
+            if self.governor.update(self.processing_time, known - start):
                 self.start_selected()
 
     def expect(self, observed: ObservedFrame) -> None:
@@ -392,7 +392,7 @@ class Live:
         if not method.uses_voxels:
             return observe_features(self.processor, pictures, method)
         assert grid is not None, "voxels have a grid"
-        return VoxelObserver.create(
+        return VoxelObserver(
             self.processor, pictures, grid, self.persons, self._config, self._follow
         )
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
-from dataclasses import dataclass, fields, replace
-from typing import Any, Generic, Protocol, TypeVar
+from dataclasses import dataclass
+from typing import Generic, Protocol, TypeVar
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from apf.backend import FrameSource
 from apf.live.timeline import Span, Timeline
 from psfs.background.gaussian import Background
 from psfs.cameras.camera import CameraRig
-from psfs.cameras.scaling import scale_pictures
+from psfs.diagnostics.small_views import Shrink
 from psfs.sequence import Frame
 from psfs.sequence import Sequence as Recording
 from psfs.voxels.grid import VoxelGrid
@@ -128,32 +128,13 @@ class Smaller:
     """`footage` with images resized by `factor`, at most 1; a call resizes a frame."""
 
     def __init__(self, footage: FrameSource, factor: float) -> None:
-        self.has_images = footage.has_images
-        self._whole, self._factor = footage.rig, factor
-        self.rig = footage.rig.scaled(factor) if factor < 1 else footage.rig
-        self.background = self._scene(footage.background)
+        shrink = Shrink(footage.rig, factor)
+        self.has_images, self.rig = footage.has_images, shrink.small
+        self.background = shrink.background(footage.background)
+        self._resize = shrink.frame
 
     def __call__(self, frame: Frame) -> Frame:
-        if self.rig is self._whole:
-            return frame
-        parts = (frame.images, frame.masks)
-        images, masks = (None if part is None else self._resize(part) for part in parts)
-        return replace(frame, images=images, masks=masks)
-
-    def _scene(self, background: Background | None) -> Background | None:
-        """Return the background with all its per-pixel data resized."""
-        if background is None or self.rig is self._whole:
-            return background
-        values = {of.name: getattr(background, of.name) for of in fields(background)}
-        pixels: dict[str, Any] = {
-            name: self._resize(value)
-            for name, value in values.items()
-            if isinstance(value, np.ndarray) and value.ndim > 2
-        }
-        return replace(background, **pixels)
-
-    def _resize(self, pictures: np.ndarray) -> np.ndarray:
-        return scale_pictures(pictures, self._whole, self.rig, self._factor)
+        return self._resize(frame)
 
 
 def fitting_factor(rig: CameraRig, grid: VoxelGrid) -> float:

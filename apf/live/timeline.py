@@ -69,13 +69,6 @@ class Timeline:
             self._n_dropped[stage] += 1
             self._dropped.append((stage, frame, self.now()))
 
-    def result(self, frame: int, appeared: float) -> float:
-        """Record that the pose of a frame that appeared at `appeared` is known now; return its
-        latency, s."""
-        now = self.now()
-        self.add_result(frame, appeared, now)
-        return now - appeared
-
     def add_result(self, frame: int, appeared: float, known: float) -> None:
         """Record that the pose of a frame that appeared at `appeared` was known at `known`, s."""
         with self._lock:

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 
 from apf.body.cones import project_outlines
-from apf.body.kinematics import bone_matrices, posed_cones
+from apf.body.kinematics import posed_cones
 from apf.body.limbs import LIMB_ENDS, limb_chains
 from apf.body.model import BodyModel
 from apf.keypoints.keypoints import Keypoints
@@ -21,6 +21,7 @@ from apf.tracking.track import Track
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.config import TriangulationConfig
 from psfs.cameras.footprints import voxel_footprints
+from psfs.cameras.triangulation import reprojection_errors, undistort_points
 from psfs.common.cones import cone_distances
 from psfs.common.regions import iou
 from psfs.diagnostics.reprojection_iou import volume_region, whole_silhouettes
@@ -219,24 +220,13 @@ def measure_keypoint_agreement(track: Track, keypoints: Keypoints, rig: CameraRi
     keypoints: of the cameras of `rig` and all frames of the sequence.
     """
     points = locate_points(track.its_body, keypoints.names)
-    rotations, origins = bone_matrices(track.its_body, track.poses)
-    offsets = np.einsum("spij,pj->spi", rotations[:, points.bones], points.offsets)
-    expected_points = origins[:, points.bones] + offsets
-    near, known = np.zeros(len(track)), np.zeros(len(track))
-    for camera, observed in zip(rig, keypoints.points, strict=True):
-        shown = observed[track.frames][:, points.columns].astype(np.float64)
-        pixels = shown[..., :2].reshape(-1, 2)
-        if camera.lens.any():
-            pixels = camera.undistort(pixels)
-        local = expected_points @ camera.R.T + camera.t
-        with np.errstate(divide="ignore", invalid="ignore"):
-            expected = (local @ camera.K.T)[..., :2] / local[..., 2:]
-            off = np.linalg.norm(expected - pixels.reshape(expected.shape), axis=-1)
-            apart = off * local[..., 2] / camera.K[0, 0]
-        least = TriangulationConfig().min_confidence
-        sure = (np.nan_to_num(shown[..., 2]) >= least) & np.isfinite(off)
-        near += (sure & (apart <= KEYPOINT_FAR) & (local[..., 2] > 0)).sum(axis=1)
-        known += sure.sum(axis=1)
+    expected = points.place(track.its_body, track.poses).reshape(-1, 3)
+    seen = undistort_points(rig, keypoints.points[:, track.frames][:, :, points.columns])
+    off = reprojection_errors(rig, seen.reshape(len(rig), -1, 3), expected)
+    depths = [(expected @ camera.R[2] + camera.t[2]) / camera.K[0, 0] for camera in rig]
+    apart = (off * depths).reshape(seen.shape[:-1])
+    sure = (np.nan_to_num(seen[..., 2]) >= TriangulationConfig().min_confidence) & ~np.isnan(apart)
+    near = sure & (apart <= KEYPOINT_FAR) & (apart >= 0)
     with np.errstate(invalid="ignore"):
-        shares: np.ndarray = near / known
+        shares: np.ndarray = near.sum((0, 2)) / sure.sum((0, 2))
     return shares

@@ -22,12 +22,8 @@ from apf.report.page import write_page
 from apf.report.quality import Quality
 from apf.report.summary import SUMMARY, body_facts, read_tracked_grid
 from apf.tracking.track import Track
-from cl import Device, NumpyDevice
 from psfs.common.files import read_text, write_json
-from psfs.common.system import versions
-from psfs.output.reconstruction_folder import device_facts
 from psfs.session import Session
-from psfs.voxels.config import ReconstructionConfig
 
 #: Files of a track besides summary and page, as the summary lists them.
 FILES = (
@@ -76,8 +72,8 @@ def write_report(
 ) -> list[str]:
     """Write summary.json, and the `page`, into the `folder` of a track.
 
-    Returns the names of all files there that belong to the track. facts: how it was made, see
-    `run_facts`. name: of the take, the page's title.
+    Returns the names of all files there that belong to the track. facts: how it was made. name: of
+    the take, the page's title.
     """
     written = [file for file in FILES if (folder / file).exists()]
     written += [SUMMARY, *([PAGE] if page else [])]
@@ -95,28 +91,3 @@ def write_report(
         write_page(folder / PAGE, name, track, folder / OVERLAY, quality, shown)
     write_json(folder / SUMMARY, summary)
     return written
-
-
-def run_facts(
-    device: Device | NumpyDevice,
-    sequence: Mapping[str, object],
-    config: ReconstructionConfig,
-    n_frames: tuple[int, int],
-    warnings: list[str],
-    seconds: float,
-) -> dict[str, object]:
-    """Describe how a track was made.
-
-    sequence: from `sequence_facts`. n_frames: tracked and requested frames. seconds: run time.
-    """
-    return {
-        "complete": n_frames[0] == n_frames[1],
-        "frames": n_frames[0],
-        "frames_wanted": n_frames[1],
-        "sequence": dict(sequence),
-        "config": config.to_dict(),
-        "device": device_facts(device),
-        "versions": versions(),
-        "seconds": round(seconds, 2),
-        "warnings": warnings,
-    }

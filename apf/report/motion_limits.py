@@ -32,7 +32,9 @@ _LIMBS = (
     ("knee", "ankle", 0.061),
 )
 _TRUNK, _HEAD = 0.497, 0.081
-_JOINTS = {"neck", "head_top", *(f"{s}_{end}" for s in "lr" for pair in _LIMBS for end in pair[:2])}
+_JOINTS = {"neck", "head_top"} | {
+    f"{side}_{end}" for side in "lr" for first, last, _ in _LIMBS for end in (first, last)
+}
 
 
 def find_impossible_motion(track: Track, config: MotionConfig | None = None) -> list[str]:

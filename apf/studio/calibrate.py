@@ -136,6 +136,7 @@ class CalibrateView:
         """Wait until what was started has ended, at most so long."""
         if self._worker is not None:
             self._worker.join(timeout=seconds)
+        self._slot.wait(seconds)
 
     def search(self) -> None:
         """Look for the target in all pictures, or in evenly spread ones of long footage."""
@@ -155,18 +156,20 @@ class CalibrateView:
                 stated["floor"] = frame_range(self.floor.value.strip())
             stated["folder"] = self.views.folder
             stated["output"] = free_folder(self._results, f"{self.views.folder.name}-cameras")
-            work = self._slot.start(CalibrateRequest.from_stated(Stated(stated)))
+            request, began = CalibrateRequest.from_stated(Stated(stated)), time.monotonic()
+
+            def tell(work: Work) -> None:
+                seconds = time.monotonic() - began
+                self._tell(f"calibrating: {seconds:.0f} s; it may take minutes")
+
+            self._slot.start(request, 0, tell, self._show_found)
         except UserError as error:
             self._say(error)
-            return
-        self._worker = threading.Thread(target=self._follow, args=(work,), daemon=True)
-        self._worker.start()
 
     def close(self) -> None:
         """End all work in the background, and remove everything from the page."""
-        self._stopped.set()
         self._slot.close()
-        self.wait(30)
+        self._stop_search()
         self.time_line.close()
         self._reader.close()
         for part in self._parts:
@@ -175,7 +178,8 @@ class CalibrateView:
 
     def _stop_search(self) -> None:
         self._stopped.set()
-        self.wait(30)
+        if self._worker is not None:
+            self._worker.join(timeout=30)
 
     def _search(self, stopped: threading.Event) -> None:
         every = range(len(self.views))
@@ -197,11 +201,8 @@ class CalibrateView:
         self._tell("looked at all frames")
         self._reader.ask(self.time_line.position)
 
-    def _follow(self, work: Work) -> None:
-        """Follow a calibration to its end."""
-        began = time.monotonic()
-        while work.wait_for_news():
-            self._tell(f"calibrating: {time.monotonic() - began:.0f} s; it may take minutes")
+    def _show_found(self, work: Work) -> None:
+        """Show what a calibration has found."""
         kind = "good" if work.succeeded else "warning"
         self._notes = [classify(line, kind) for line in work.words]
         if work.succeeded:

@@ -294,7 +294,9 @@ class JointHandle:
             if number not in before:
                 raise InputError(f"nothing turns the {joint}; expected a joint of a limb")
             at = before[number]
-            self._moved += [child for child in before if _hangs_on(child, number, before)]
+            for parent, child in track.edges.tolist():  # parents come first
+                if parent in self._moved:
+                    self._moved.append(child)
         self._names = [names[number] for number in self._moved]
         self._pivot, self._offsets = places[at], places[self._moved] - places[at]
         self._node = scene.add_transform_controls(
@@ -324,12 +326,3 @@ class JointHandle:
     def remove(self) -> None:
         """Remove the handle from the view."""
         self._node.remove()
-
-
-def _hangs_on(joint: int, other: int, before: dict[int, int]) -> bool:
-    """Return whether a joint comes after another one on its limb."""
-    while joint in before:
-        joint = before[joint]
-        if joint == other:
-            return True
-    return False

@@ -222,14 +222,9 @@ class FilmView:
         """Return each camera's grey picture of the empty room, before which a wand is found."""
         if not self._empty or self._collecting:
             raise InputError("a wand is found before the empty room; expected that it was shown")
-        rig = self._captures.rig
-        pictures = [crop_pictures(Frame(0, images, None), rig) for images in self._empty]
-        return [
-            np.median([cv2.cvtColor(one, cv2.COLOR_BGR2GRAY) for one in of], axis=0).astype(
-                np.uint8
-            )
-            for of in zip(*pictures, strict=True)
-        ]
+        mean = np.rint(average_pictures(self._empty).mean).astype(np.uint8)
+        cropped = crop_pictures(Frame(0, mean, None), self._captures.rig)
+        return [cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY) for picture in cropped]
 
     def _add_empty(self, images: np.ndarray) -> None:
         self._empty.append(images)

@@ -84,16 +84,6 @@ class FootageView(Watch):
         self.examiner.start()
 
     @property
-    def picture(self) -> np.ndarray:
-        """The cameras' pictures as they are shown, (h, w, 3) uint8 RGB."""
-        return np.asarray(self._picture.image)
-
-    def show_silhouettes(self, opacity: float) -> None:
-        """Draw the silhouettes over the pictures; opacity: 0 to 1."""
-        self._opacity.value = opacity
-        self._ask_pictures()
-
-    @property
     def volume(self) -> tuple[np.ndarray, np.ndarray] | None:
         """Lowest and highest corner (3,) m of the volume, if the box on the page is to be used."""
         if not self._own_box.value:

@@ -56,19 +56,19 @@ class LivePage(BrowserPage):
         self._stop = stop
         self._button.on_click(lambda event: self.press_end())
         add_key(gui, "End the run", "X", self.press_end)
-        people = ((start.body, start.pose), *start.others)
         self.nodes = [
             BodyNodes(
                 scene,
                 f"/people/{k}",
-                make_still_figure(body, pose, number=k if len(people) > 1 else None),
+                make_still_figure(body, pose, number=k if len(start.people) > 1 else None),
             )
-            for k, (body, pose) in enumerate(people)
+            for k, (body, pose) in enumerate(start.people)
         ]
         for nodes in self.nodes:
             nodes.show(0, 0)
         CameraNodes(scene, rig)
-        centre = posed_joints(start.body, start.pose[None])[0].mean(axis=0)
+        body, pose = start.people[0]
+        centre = posed_joints(body, pose[None])[0].mean(axis=0)
         add_floor(scene, start.grid or VoxelGrid.covering(centre - _AROUND, centre + _AROUND, 0.05))
         self.server.initial_camera.look_at = centre
         self.server.initial_camera.position = centre + np.array([2.5, -3.0, 1.2])

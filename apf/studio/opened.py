@@ -117,33 +117,31 @@ def open_track(
     remarks: list[str] = []
     try:
         summaries = [read_summary(place) for place in places]
+        remarks += summaries[0]["warnings"]
+        sequence = try_footage(
+            lambda: open_tracked_sequence(places[0], summaries[0], int(frames[-1])), remarks
+        )
+        running = None
     except UserError as error:  # of a run that goes on, or was killed
-        if running is None:
-            return OpenedTracks(
-                folder, frames, first.fps, None, None, remarks=(str(error),), tracks=tracks,
-                seen=read_seen_frames(folder), people=len(tracks),
-            )  # fmt: skip
-        return _open_running(folder, frames, tracks, running, make_device, known)
-    summary = summaries[0]
-    remarks += summary["warnings"]
-    sequence = try_footage(
-        lambda: open_tracked_sequence(places[0], summary, int(frames[-1])), remarks
-    )
-    clouds = None
-    grid = _joint_grid(tracks)
+        summaries, sequence = [], running.sequence if running is not None else None
+        goes_on = "the run goes on; `voxels` shows them, and slows it down"
+        remarks.append(str(error) if running is None else goes_on)
+    clouds, grid = None, _joint_grid(tracks)
     if sequence is not None and grid is not None:
-        clouds = CarvedClouds(
-            grid, len(frames),
-            _carver(
-                sequence, grid, make_device, frames,
-                lambda: read_tracked_config(places[0], dict(summary)),
-            ),
-            known,
-        )  # fmt: skip
+
+        def carve() -> Iterator[tuple[int, VoxelCloud]]:
+            config = running.config if running else read_tracked_config(places[0], summaries[0])
+            session = Session(sequence, make_device(), SessionSettings(config))
+            with closing(session.iterate_carved(grid, frames.tolist())) as carved:  # type: ignore[type-var]
+                for frame in carved:
+                    yield frame.index, frame.cloud
+
+        clouds = CarvedClouds(grid, len(frames), carve, known)
     quality, look_at = _gather_judgements(list(tracks), summaries)
+    people = summaries[0].get("people", 1) if summaries else len(tracks)
     return OpenedTracks(
-        folder, frames, first.fps, sequence, clouds, tuple(remarks), tracks=tracks,
-        seen=read_seen_frames(folder), people=summary.get("people", 1), quality=quality,
+        folder, frames, first.fps, sequence, clouds, tuple(remarks), running is None,
+        tracks=tracks, seen=read_seen_frames(folder), people=people, quality=quality,
         look_at=look_at,
     )  # fmt: skip
 
@@ -164,7 +162,7 @@ def _gather_judgements(
     there; of several people with their names."""
     lines: list[str] = []
     look_at: dict[str, np.ndarray] = {}
-    for name, summary in zip(names, summaries, strict=True):
+    for name, summary in zip(names, summaries, strict=False):  # none of a run that goes on
         whose = f"{name}: " if len(names) > 1 else ""
         lines += [f"{whose}{line}" for line in summary.get("says", ())]
         for what, ranges in summary.get("quality", {}).get("look_at", {}).items():
@@ -182,41 +180,3 @@ def _joint_grid(tracks: Mapping[str, Track]) -> VoxelGrid | None:
         return grids[0] if grids else None
     low, high = np.min([g.low for g in grids], axis=0), np.max([g.high for g in grids], axis=0)
     return VoxelGrid.covering(low, high, grids[0].voxel_size)
-
-
-def _open_running(
-    folder: Path,
-    frames: np.ndarray,
-    tracks: Mapping[str, Track],
-    running: RunningTake,
-    make_device: MakeDevice,
-    known: Callable[[int], object],
-) -> OpenedTracks:
-    """Open the track so far of a run that goes on. Its voxels are carved if the user asks for them:
-    that takes time from the run."""
-    grid, clouds = _joint_grid(tracks), None
-    if grid is not None:
-        carve = _carver(running.sequence, grid, make_device, frames, lambda: running.config)
-        clouds = CarvedClouds(grid, len(frames), carve, known)
-    return OpenedTracks(
-        folder, frames, running.sequence.fps, running.sequence, clouds,
-        ("the run goes on; `voxels` shows them, and slows it down",), False, tracks=tracks,
-    )  # fmt: skip
-
-
-def _carver(
-    sequence: Sequence,
-    grid: VoxelGrid,
-    make_device: MakeDevice,
-    frames: np.ndarray,
-    read_config: Callable[[], ReconstructionConfig],
-) -> Callable[[], Iterator[tuple[int, VoxelCloud]]]:
-    """Return a function that carves the frames (F,) again, with the settings of the track."""
-
-    def carve() -> Iterator[tuple[int, VoxelCloud]]:
-        session = Session(sequence, make_device(), SessionSettings(read_config()))
-        with closing(session.iterate_carved(grid, frames.tolist())) as carved:  # type: ignore[type-var]
-            for frame in carved:
-                yield frame.index, frame.cloud
-
-    return carve

@@ -17,7 +17,7 @@ from apf.studio.footage import FootageView
 from apf.studio.opened import MakeDevice, open_track
 from apf.studio.run_panel import RunPanel
 from apf.studio.watch import TrackWatch
-from apf.studio.work import WorkSlot, free_folder
+from apf.studio.work import Work, WorkSlot, free_folder
 from cl import InputError, UserError
 from psfs.common.files import read_json
 from psfs.page.clouds import open_voxels
@@ -212,21 +212,16 @@ class Page(BrowserPage):
         """Make the walk of `apf demo` in a folder of the results, and open it."""
         output = free_folder(self._results, "demo")
         try:
-            work = self._demo.start(SynthRequest(output=output, device=self._device))
+            self._demo.start(SynthRequest(output=output, device=self._device), end=self._show_demo)
+            self._message.content = make_text("Making a walk ...")
         except UserError as error:
             self.say(error)
-            return
-        self._message.content = make_text("Making a walk ...")
 
-        def follow() -> None:
-            while work.wait_for_news():
-                pass
-            if work.succeeded:
-                self._show_run(output)
-            else:
-                self.say("; ".join(work.words))
-
-        threading.Thread(target=follow, daemon=True, name="demo").start()
+    def _show_demo(self, work: Work) -> None:
+        if work.succeeded:
+            self._show_run(work.output)
+        else:
+            self.say("; ".join(work.words))
 
     def say(self, error: object) -> None:
         """Show an error on the page."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shlex
-import threading
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -47,8 +46,7 @@ class RunPanel:
         self._results, self._device, self._show, self._say = results, device, show, say
         self._sequence: Sequence | None = None
         self._volume: Callable[[], tuple[np.ndarray, np.ndarray] | None] = lambda: None
-        self._slot = WorkSlot()
-        self._follower: threading.Thread | None = None
+        self._slot, self._n_shown = WorkSlot(), 0  # frames of the track so far that are shown
         self._running: RunningTake | None = None  # of the run that was started last
         self._message = gui.add_html(make_text("Open footage to track it."))
         self.preset = gui.add_dropdown(
@@ -121,16 +119,13 @@ class RunPanel:
         output = free_folder(self._results, request.folder.resolve().name)
         own = self._sequence
         stated = request.stated.over(Stated({"output": output}))
-        work = self._slot.start(TrackRequest.from_stated(stated), n_frames)
+        self._n_shown = 0
+        work = self._slot.start(TrackRequest.from_stated(stated), n_frames, self._follow, self._end)
         self._running = None
         if own is not None and own.folder == request.folder:
             self._running = RunningTake(own, request.reconstruction)
         self.progress.value, self.progress.visible = 0.0, True
         self.start_button.disabled, self.cancel_button.visible = True, True
-        self._follower = threading.Thread(
-            target=self._follow, args=(work,), daemon=True, name="run"
-        )
-        self._follower.start()
         return work
 
     def find_running(self, output: Path) -> RunningTake | None:
@@ -146,8 +141,6 @@ class RunPanel:
     def close(self) -> None:
         """End the run, if one goes on, and what shows it."""
         self._slot.close()
-        if self._follower is not None:
-            self._follower.join(timeout=60)
 
     def press_track(self) -> None:
         """Start a run as the panel says, if footage is open; an error is shown on the page."""
@@ -161,16 +154,16 @@ class RunPanel:
             self._say(error)
 
     def _follow(self, work: Work) -> None:
-        """Follow a run to its end: its words, its progress, and its track so far."""
-        shown = 0
-        while work.wait_for_news():
-            self._tell(work)
-            done = work.count_frames()
-            if done > _LONGER * shown + 1:
-                shown = done
-                self._show(work.output)
+        """Show a run's words, its progress, and its track so far."""
         self._tell(work)
-        if (work.output / "track.npz").exists() or shown:
+        done = work.count_frames()
+        if done > _LONGER * self._n_shown + 1:
+            self._n_shown = done
+            self._show(work.output)
+
+    def _end(self, work: Work) -> None:
+        self._tell(work)
+        if (work.output / "track.npz").exists() or self._n_shown:
             self._show(work.output)
         self.progress.visible = self.cancel_button.visible = False
         self.start_button.disabled = self._sequence is None

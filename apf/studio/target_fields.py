@@ -63,10 +63,6 @@ class TargetFields:
         for field in (self.kind, self.intrinsics):
             field.on_update(lambda event: self._show_fields())
         self._show_fields()
-        self.parts: list[Any] = [
-            self.kind, self.squares, self.square, self.wand, self.stature, self.intrinsics,
-            self.field_of_view, self.sound, self.board, self._problem,
-        ]  # fmt: skip
 
     @property
     def searchable(self) -> bool:

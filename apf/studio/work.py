@@ -7,6 +7,7 @@ import re
 import signal
 import subprocess
 import threading
+from collections.abc import Callable
 from contextlib import ExitStack, suppress
 from pathlib import Path
 
@@ -17,12 +18,11 @@ from cl import InputError, UserError
 from cl.probe import module_command
 from psfs.common.files import temporary_folder
 from psfs.common.requests import Request, list_options
+from psfs.common.system import PATIENCE
 from psfs.page.words import REFRESH
 
 #: Characters of progress bars and tables, which the page has in its own way.
 _DRAWN = frozenset("━┃│└╇┡")
-#: Longest wait for a run that was interrupted to write what it has, s.
-_PATIENCE = 60.0
 
 
 def free_folder(root: Path, name: str) -> Path:
@@ -41,25 +41,47 @@ class WorkSlot:
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self.work: Work | None = None
+        self._follower: threading.Thread | None = None
 
     @property
     def busy(self) -> bool:
         """Whether a command goes on."""
         return self.work is not None and not self.work.ended
 
-    def start(self, request: Request, n_frames: int = 0) -> Work:
-        """Start the command of a request, see `Work`. Raises InputError while another goes on."""
+    def start(
+        self,
+        request: Request,
+        n_frames: int = 0,
+        tell: Callable[[Work], object] = lambda work: None,
+        end: Callable[[Work], object] = lambda work: None,
+    ) -> Work:
+        """Start the command of a request, see `Work`. tell: called with it when the page is to be
+        told again; end: when it has ended. Raises InputError while another goes on."""
+
+        def follow() -> None:
+            while work.wait_for_news():
+                tell(work)
+            end(work)
+
         with self._lock:
             if self.busy:
                 raise InputError("a run goes on; expected one at a time (cancel it first)")
-            self.work = Work(request, n_frames)
-            return self.work
+            self.work = work = Work(request, n_frames)
+            self._follower = threading.Thread(target=follow, daemon=True, name=request.COMMAND)
+            self._follower.start()
+        return work
+
+    def wait(self, seconds: float) -> None:
+        """Wait until the command has ended and its end was told, at most so long."""
+        if self._follower is not None and self._follower is not threading.current_thread():
+            self._follower.join(seconds)
 
     def close(self) -> None:
         """End the command, if one goes on."""
         with self._lock:
             if self.work is not None:
                 self.work.close()
+        self.wait(PATIENCE)
 
 
 class Work:
@@ -143,7 +165,7 @@ class Work:
         """Interrupt it, wait until it has ended, and remove its settings."""
         self.cancel()
         try:
-            self._process.wait(_PATIENCE)
+            self._process.wait(PATIENCE)
         except subprocess.TimeoutExpired:
             self._process.kill()
             self._process.wait()

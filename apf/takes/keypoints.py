@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from collections.abc import Sequence as Items
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -116,11 +117,11 @@ def find_seen_frames(keypoints: Keypoints, frames: np.ndarray) -> np.ndarray:
 
 def match_people_keypoints(
     given: Given, session: Session, people: People, progress: StageProgress
-) -> list[Keypoints] | None:
-    """Return the given keypoints of each person; None if none are given. Raises InputError if
-    somebody has none."""
+) -> Items[Keypoints | None]:
+    """Return the given keypoints of each person; None for each if none are given. Raises InputError
+    if somebody has none."""
     if given is None:
-        return None
+        return [None] * len(people)
     where = ""
     if isinstance(given, (str, Path)):
         path = keypoints_path(given, session.sequence.folder)

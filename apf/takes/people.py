@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TypeVar
 
 import numpy as np
 
@@ -27,50 +26,47 @@ from psfs.people.people import count_people, follow_several
 from psfs.people.separation import separate
 from psfs.session import Session
 
-T = TypeVar("T")
+
+@dataclass(frozen=True, eq=False)
+class Person:
+    """A person of a take: the frames (F,) that show them, their session, and their keypoints if
+    there are some."""
+
+    seen: np.ndarray
+    session: Session
+    keypoints: Keypoints | None = None
 
 
 @dataclass(frozen=True, eq=False)
 class Persons:
-    """Several people, or one beside an object that moves: the frames (F,) that show each, the
-    session of each, and the keypoints of each if there are some. frames: that were searched.
-    objects: number of other things that move."""
+    """Several people, or one beside an object that moves. frames: that were searched. objects:
+    number of other things that move."""
 
     frames: range
-    seen: list[np.ndarray]
-    sessions: list[Session]
-    keypoints: list[Keypoints] | None = None
+    everybody: tuple[Person, ...]
     objects: int = 0
 
     def job(self, job: TrackJob, number: int) -> TrackJob:
         """Return the job of a person, counted from 1; the only one has all files of the take."""
-        seen = self.seen[number - 1]
-        if len(self.sessions) == 1:
-            return replace(job, seen=seen)
-        keypoints = self.keypoints[number - 1] if self.keypoints is not None else None
-        return job.person(number, len(self.sessions), seen, keypoints)
+        person = self.everybody[number - 1]
+        if len(self.everybody) == 1:
+            return replace(job, seen=person.seen, keypoints=person.keypoints)
+        return job.person(number, len(self.everybody), person.seen, person.keypoints)
 
     def without(self, number: int) -> Persons:
         """Return the others, where a person, counted from 1, is an object."""
-
-        def rest(items: list[T]) -> list[T]:
-            return [item for k, item in enumerate(items, start=1) if k != number]
-
-        keypoints = None if self.keypoints is None else rest(self.keypoints)
-        return Persons(
-            self.frames, rest(self.seen), rest(self.sessions), keypoints, self.objects + 1
-        )
+        others = self.everybody[: number - 1] + self.everybody[number:]
+        return replace(self, everybody=others, objects=self.objects + 1)
 
     def gather(self, tracks: list[Track], verdicts: list[str]) -> PeopleTracks:
         """Return the tracks of the first people, or of all, with the frames that show them, as far
         as they were tracked."""
         seen = tuple(
-            frames[np.isin(frames, track.frames)]
-            for frames, track in zip(self.seen, tracks, strict=False)
+            person.seen[np.isin(person.seen, track.frames)]
+            for person, track in zip(self.everybody, tracks, strict=False)
         )
-        return PeopleTracks(
-            tuple(tracks), np.array(self.frames), seen, self.objects, tuple(verdicts)
-        )
+        frames = np.array(self.frames)
+        return PeopleTracks(tuple(tracks), frames, seen, self.objects, tuple(verdicts))
 
 
 def check_people(request: TrackingRequest) -> int | None:
@@ -121,8 +117,9 @@ def find_persons(job: TrackJob, session: Session, given: GivenStart | None) -> P
     if wanted is None:
         progress.tell(f"{sequence.name}: {people.describe()}")
     keypoints = match_people_keypoints(request.keypoints, session, people, progress)
-    seen = [person.frames for person in people]
-    return Persons(people.frames, seen, [*separate(session, people)], keypoints, people.objects)
+    each = zip(people, separate(session, people), keypoints, strict=True)
+    everybody = tuple(Person(person.frames, apart, points) for person, apart, points in each)
+    return Persons(people.frames, everybody, people.objects)
 
 
 def _warn_of_another_number(session: Session, wanted: int, warn: Callable[[str], object]) -> None:
@@ -157,17 +154,15 @@ def _find_by_keypoints(job: TrackJob, session: Session, number: int | None) -> P
     if given is None:
         return None  # what needs them says so
     frames = np.array(session.frames)
-    everybody = open_people_keypoints(given, session.sequence, number, job.progress.warn)
-    seen = [find_seen_frames(keypoints, frames) for keypoints in everybody]
-    persons = [(own, keypoints) for own, keypoints in zip(seen, everybody, strict=True) if len(own)]
-    if len(persons) < 2:
+    everybody: list[Person] = []
+    for keypoints in open_people_keypoints(given, session.sequence, number, job.progress.warn):
+        seen = find_seen_frames(keypoints, frames)
+        if len(seen):
+            settings = replace(session.settings, selection=select_span(seen, session.frames.step))
+            own = Session(session.sequence, session.device, settings)
+            everybody.append(Person(seen, own, keypoints))
+    if len(everybody) < 2:
         return None
-    selections = [select_span(own, session.frames.step) for own, _ in persons]
-    sessions = [
-        Session(session.sequence, session.device, replace(session.settings, selection=selection))
-        for selection in selections
-    ]
-    shown = [own for own, _ in persons]
     if number is None:
-        job.progress.tell(f"{session.sequence.name}: {_describe_keypoints(len(persons))}")
-    return Persons(session.frames, shown, sessions, [keypoints for _, keypoints in persons])
+        job.progress.tell(f"{session.sequence.name}: {_describe_keypoints(len(everybody))}")
+    return Persons(session.frames, tuple(everybody))

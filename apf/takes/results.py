@@ -19,7 +19,6 @@ from apf.report.judged import (
     FILES,
     compare_with_keypoints,
     judge_track,
-    run_facts,
     write_report,
 )
 from apf.report.page import write_page
@@ -27,14 +26,15 @@ from apf.report.quality import Quality
 from apf.report.summary import SUMMARY
 from apf.takes.job import TrackJob
 from apf.takes.keypoints import OpenedKeypoints
-from apf.tracking.people import PeopleTracks
+from apf.tracking.people import PeopleTracks, person_folder
 from apf.tracking.take import Take
 from apf.tracking.track import PARTS, PEOPLE, Track, part_name
 from cl import InputError
 from psfs.common.requests import write_settings
+from psfs.common.system import versions
 from psfs.diagnostics.examination import Examination
 from psfs.opening import stated_keys
-from psfs.output.reconstruction_folder import sequence_facts
+from psfs.output.reconstruction_folder import device_facts, sequence_facts
 from psfs.sequence import Sequence
 
 #: The files and folders of a take's results.
@@ -118,6 +118,20 @@ def write_files(folder: Path, track: Track, body: BodyModel) -> None:
     save_body(folder / "body.toml", body)
 
 
+def write_people(folder: Path, tracks: PeopleTracks) -> list[Path]:
+    """Write the files of each track, see `write_files`: of one into `folder`, of several into a
+    folder for each in it, beside people.json. Return the folders."""
+    if len(tracks) == 1:
+        write_files(folder, tracks[0], tracks[0].its_body)
+        return [folder]
+    folders = [person_folder(folder, number) for number in range(1, len(tracks) + 1)]
+    for track, into in zip(tracks, folders, strict=True):
+        into.mkdir(parents=True, exist_ok=True)
+        write_files(into, track, track.its_body)
+    tracks.save_list(folder)
+    return folders
+
+
 def write_tracks(job: TrackJob, take: Take) -> None:
     """Write the settings of all tracks, and the files of each seed's, except those of
     `finish_take`."""
@@ -148,10 +162,18 @@ def finish_take(
     doubts = (*examination.remaining, *opened.doubts, *of_start)
     overrides = stated_keys(request.capture)
     sequence = sequence_facts(take.sequence, job.folders[0], overrides, reasons)
-    facts = run_facts(
-        job.device, sequence, request.reconstruction, (n_done, n_frames), warnings, take.seconds
-    )
-    facts |= dict(job.of_people) | {"complete": whole}
+    facts = {
+        "complete": whole,
+        "frames": n_done,
+        "frames_wanted": n_frames,
+        "sequence": sequence,
+        "config": request.reconstruction.to_dict(),
+        "device": device_facts(job.device),
+        "versions": versions(),
+        "seconds": round(take.seconds, 2),
+        "warnings": warnings,
+        **job.of_people,
+    }
     judgements = []
     for track, folder in zip(take.tracks, job.folders, strict=True):
         compared, keypoints = whole and request.report, opened.keypoints

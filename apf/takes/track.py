@@ -144,13 +144,13 @@ def _track_people(job: TrackJob, examination: Examination, persons: Persons) -> 
     unless the request says how many there are."""
     progress = job.progress
     started: list[StartedTake] = []
-    while len(started) < len(persons.sessions):
+    while len(started) < len(persons.everybody):
         number = len(started) + 1
         session = _begin_person(job, persons, number)
         try:
             started.append(_start(persons.job(job, number), session, None, None))
         except StartError as error:
-            if job.request.people != "auto" or len(persons.sessions) == 1:
+            if job.request.people != "auto" or len(persons.everybody) == 1:
                 raise
             progress.warn(f"{error}; without a first pose it is left out, as an object")
             persons = persons.without(number)
@@ -173,17 +173,17 @@ def _track_people(job: TrackJob, examination: Examination, persons: Persons) -> 
     tracks = persons.gather([take.tracks[0] for take in takes], verdicts)
     done = [replace(one, everybody=tracks) for one in done]
     if job.request.output is not None and done[0].folder != job.request.output:
-        whole = len(done) == len(persons.sessions) and not done[-1].interrupted
+        whole = len(done) == len(persons.everybody) and not done[-1].interrupted
         if not whole:
-            progress.warn(f"tracking ended in person {len(done)} of {len(persons.sessions)}")
+            progress.warn(f"tracking ended in person {len(done)} of {len(persons.everybody)}")
         write_together(job, tracks, examination.session.sequence, whole)
     return done
 
 
 def _begin_person(job: TrackJob, persons: Persons, number: int) -> Session:
     """Return the session of a person, counted from 1, of whom progress is reported now."""
-    session = persons.sessions[number - 1]
-    job.progress.begin_person(len(session.frames), number, len(persons.sessions))
+    session = persons.everybody[number - 1].session
+    job.progress.begin_person(len(session.frames), number, len(persons.everybody))
     return session
 
 

@@ -20,7 +20,6 @@ from apf.body.toml import load_body
 from apf.filters.base import Estimate
 from apf.filters.config import FilterConfig
 from apf.initialisation.from_joints import fit_to_joints
-from apf.presets import preset
 from apf.scene import Scene as TrackedScene
 from apf.synthetic.config import SceneConfig
 from apf.synthetic.render import SyntheticScene
@@ -89,12 +88,6 @@ def _pin_pictures(device: Device, pictures: np.ndarray | None) -> np.ndarray:
     return copy
 
 
-@lru_cache(maxsize=1)
-def shared_scene(frames: int, views: int) -> Scene:
-    """Return `make_scene` on the best device, cached for the next call with the same numbers."""
-    return make_scene(Device.best(), frames, views=views)
-
-
 def make_scene(device: Device, frames: int, people: int = 1, views: int = VIEWS) -> Scene:
     """Generate `frames` (up to 60) consecutive frames of walks, around their middle."""
     config = SceneConfig(cameras=views, frames=60, fps=FPS, people=people)
@@ -157,18 +150,10 @@ class Problem:
 def make_problem(frames: int, body_name: str = "song31", views: int = VIEWS) -> Problem:
     """Return Song et al.'s setting, on `frames` frames of the synthetic walk, from its true
     joints."""
-    scene = shared_scene(frames, views)
+    scene = make_scene(Device.best(), frames, views=views)
     first = dict(zip(scene.joint_names, scene.joints[0], strict=True))
     body, pose, _ = fit_to_joints(load_body(body_name), first)
     return Problem(scene, body, pose, FilterConfig().scale_to_rate(FPS))
-
-
-def songs_own(problem: Problem) -> Problem:
-    """Return the problem with the settings of `--preset song`: the paper's algorithm and nothing
-    else."""
-    song = preset("song")
-    config = song.method.filter.scale_to_rate(FPS)
-    return replace(problem, config=config, reconstruction=song.reconstruction)
 
 
 class WholeFrame:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, overload
 
@@ -70,14 +70,7 @@ class PeopleTracks(Sequence[Track]):
     def select_seen(self, number: int) -> Track:
         """Return a person's track in the frames alone that show the person."""
         track = self.tracks[number]
-        rows = np.isin(track.frames, self.seen[number])
-        return replace(
-            track,
-            frames=track.frames[rows],
-            poses=track.poses[rows],
-            joints=track.joints[rows],
-            diagnostics={name: values[rows] for name, values in track.diagnostics.items()},
-        )
+        return track.select(np.isin(track.frames, self.seen[number]))
 
     def save(self, folder: str | Path) -> None:
         """Write `track.npz` of each person into folders `person1`, `person2` ... of `folder`, and

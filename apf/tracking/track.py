@@ -158,6 +158,16 @@ class Track:
         moving = animate_skeleton(self.joints[~self.lost], self.edges, self.fps)
         return f"{moving}<div>{html.escape(repr(self))}</div>"
 
+    def select(self, rows: np.ndarray) -> Track:
+        """Return the track in some of its rows: (F,) bool, or their indices."""
+        return replace(
+            self,
+            frames=self.frames[rows],
+            poses=self.poses[rows],
+            joints=self.joints[rows],
+            diagnostics={name: values[rows] for name, values in self.diagnostics.items()},
+        )
+
     @property
     def times(self) -> np.ndarray:
         """Time (F,), s, since the sequence's first frame."""
@@ -392,9 +402,9 @@ def part_name(folder: Path, track: Track) -> Path:
 
 
 def concatenate_tracks(parts: Iterable[Track | Path]) -> Track:
-    """Return one track of the frames of several, which follow each other and differ in nothing
-    else. Files are read one after the other, so that all rows are in memory only once. Raises
-    InputError for a file that is no track."""
+    """Return one track of the frames of several, which follow each other, with the diagnostics that
+    all have; the rest is that of the last. Files are read one after the other, so that all rows are
+    in memory only once. Raises InputError for a file that is no track."""
     columns: dict[str, list[np.ndarray]] = {}
     part: Track | None = None
     for given in parts:
@@ -404,7 +414,9 @@ def concatenate_tracks(parts: Iterable[Track | Path]) -> Track:
             columns.setdefault(name, []).append(values)
     if part is None:
         raise InputError("there is no part of a track; expected at least one")
-    whole = {name: np.concatenate(columns.pop(name)) for name in list(columns)}
+    n_parts = len(columns["frames"])
+    common = [name for name, values in columns.items() if len(values) == n_parts]
+    whole = {name: np.concatenate(columns.pop(name)) for name in common}
     fields: dict[str, Any] = {name: whole.pop(name) for name in ("frames", "poses", "joints")}
     return replace(part, diagnostics=whole, **fields)
 

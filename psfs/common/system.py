@@ -16,6 +16,8 @@ from typing import IO, TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+#: Time in which a process or a thread that was stopped ends, with what it writes then, s.
+PATIENCE = 60.0
 #: Where Windows locks a byte: beyond what is written, since it keeps others from reading it.
 _LOCKED_BYTE = 2**30
 #: Of glibc's malloc.h.

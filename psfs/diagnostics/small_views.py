@@ -192,7 +192,8 @@ class Shrink:
     """Scaling of a sequence's pictures, rig and background by a factor, at most 1."""
 
     def __init__(self, rig: CameraRig, factor: float) -> None:
-        self.rig, self.small, self._factor = rig, rig.scaled(factor), factor
+        self.rig, self._factor = rig, factor
+        self.small = rig.scaled(factor) if factor < 1 else rig
 
     def __call__(self, pictures: np.ndarray) -> np.ndarray:
         """Return small pictures (V, h, w, ...) of pictures (V, H, W, ...): means over areas."""
@@ -201,6 +202,8 @@ class Shrink:
         return scale_pictures(pictures, self.rig, self.small, self._factor)
 
     def frame(self, frame: Frame) -> Frame:
+        if self._factor == 1:
+            return frame
         images = None if frame.images is None else self(frame.images)
         masks = None if frame.masks is None else self(frame.masks)
         return replace(frame, images=images, masks=masks)
@@ -212,8 +215,8 @@ class Shrink:
     def background(self, background: Background | None) -> Background | None:
         """Return the small background. Its noise is assumed as large as in the full pictures, since
         much of it comes from the compression and spans many pixels."""
-        if background is None:
-            return None
+        if background is None or self._factor == 1:
+            return background
         mean, std = (
             self(np.ascontiguousarray(background.mean)),
             self(np.ascontiguousarray(background.std)),

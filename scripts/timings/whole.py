@@ -9,13 +9,16 @@ by `--preset song` as well, which is what the paper describes and nothing else.
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
 import numpy as np
 
+from apf.presets import preset
 from apf.timings.measure import Place, apart, only_cores, places
 from apf.timings.scene import (
+    FPS,
     ONE_THREAD,
     SHAPE,
     VIEWS,
@@ -27,7 +30,6 @@ from apf.timings.scene import (
     on_cpu,
     on_numpy,
     sequence_run,
-    songs_own,
 )
 from timings.measure import fewer_cores, measured_limits
 from timings.results import Results, add_command, add_timing_flags
@@ -40,6 +42,14 @@ FRAMES, REPETITIONS = 200, 3
 _NUMPY_FRAMES = 5
 #: Distinct frames of the walk, played there and back.
 _SCENE_FRAMES, _QUICK_SCENE_FRAMES = 40, 6
+
+
+def songs_own(problem: Problem) -> Problem:
+    """Return the problem with the settings of `--preset song`: the paper's algorithm and nothing
+    else."""
+    song = preset("song")
+    config = song.method.filter.scale_to_rate(FPS)
+    return replace(problem, config=config, reconstruction=song.reconstruction)
 
 
 def register(commands: argparse._SubParsersAction) -> None:

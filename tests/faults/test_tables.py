@@ -106,7 +106,7 @@ def test_settings_out_of_bounds(stock: Path, key: str) -> None:
 
 def body_words(stock: Path) -> list[str]:
     body = ["--body", str(stock / "track/body.toml")]
-    return ["apf", "smooth", str(stock / "track"), "-o", str(stock / "new"), *body]
+    return ["apf", "track", str(stock / "seq"), "-o", str(stock / "new"), *body]
 
 
 def longer(factor: float) -> Callable[[dict], None]:

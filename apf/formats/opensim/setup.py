@@ -10,6 +10,7 @@ from __future__ import annotations
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -232,75 +233,75 @@ def _start_model(model: GenericModel, motion: BodyMotion) -> str:
 
 
 def _marker_set(places: Mapping[str, tuple[str, np.ndarray, float]]) -> str:
-    top = ElementTree.Element("OpenSimDocument", Version="40000")
-    objects = _child(_child(top, "MarkerSet", name="markers"), "objects")
-    for name, (body, place, _) in places.items():
-        marker = _child(objects, "Marker", name=name)
-        _child(marker, "socket_parent_frame", f"/bodyset/{body}")
-        _child(marker, "location", _numbers(place))
-        _child(marker, "fixed", "true")
-    return _document(top)
+    markers = [
+        _element("Marker", {
+            "socket_parent_frame": f"/bodyset/{body}", "location": _numbers(place), "fixed": "true",
+        }, name)
+        for name, (body, place, _) in places.items()
+    ]  # fmt: skip
+    return _document(_element("MarkerSet", {"objects": markers}, "markers"))
 
 
 def _scaling(scales: Mapping[str, np.ndarray]) -> str:
-    top = ElementTree.Element("OpenSimDocument", Version="40000")
-    tool = _child(top, "ScaleTool", name="scaled")
-    maker = _child(tool, "GenericModelMaker")
-    _child(maker, "model_file", MODEL)
-    _child(maker, "marker_set_file", MARKER_SET)
-    scaler = _child(tool, "ModelScaler")
-    _child(scaler, "apply", "true")
-    _child(scaler, "scaling_order", "manualScale")
-    objects = _child(_child(scaler, "ScaleSet"), "objects")
-    for body, factors in scales.items():
-        scale = _child(objects, "Scale")
-        _child(scale, "scales", _numbers(factors))
-        _child(scale, "segment", body)
-        _child(scale, "apply", "true")
-    _child(scaler, "preserve_mass_distribution", "true")
-    _child(scaler, "output_model_file", SCALED)
-    _child(_child(tool, "MarkerPlacer"), "apply", "false")
-    return _document(top)
+    objects = [
+        _element("Scale", {"scales": _numbers(factors), "segment": body, "apply": "true"})
+        for body, factors in scales.items()
+    ]
+    tool = {
+        "GenericModelMaker": {"model_file": MODEL, "marker_set_file": MARKER_SET},
+        "ModelScaler": {
+            "apply": "true",
+            "scaling_order": "manualScale",
+            "ScaleSet": {"objects": objects},
+            "preserve_mass_distribution": "true",
+            "output_model_file": SCALED,
+        },
+        "MarkerPlacer": {"apply": "false"},
+    }
+    return _document(_element("ScaleTool", tool, "scaled"))
 
 
 def _inverse_kinematics(
     places: Mapping[str, tuple[str, np.ndarray, float]], begin: float, end: float
 ) -> str:
-    top = ElementTree.Element("OpenSimDocument", Version="40000")
-    tool = _child(top, "InverseKinematicsTool", name="ik")
-    _child(tool, "results_directory", ".")
-    _child(tool, "model_file", SCALED)
-    _child(tool, "constraint_weight", "Inf")
-    _child(tool, "accuracy", "1e-5")
-    _child(tool, "time_range", _numbers([begin, end]))
-    _child(tool, "output_motion_file", ANGLES)
-    _child(tool, "report_errors", "false")
-    tasks = _child(_child(tool, "IKTaskSet"), "objects")
-    for name, (_, _, weight) in places.items():
-        task = _child(tasks, "IKMarkerTask", name=name)
-        _child(task, "apply", "true")
-        _child(task, "weight", f"{weight:g}")
-    for name in _UNSEEN:
-        task = _child(tasks, "IKCoordinateTask", name=name)
-        _child(task, "apply", "true")
-        _child(task, "weight", "1")
-        _child(task, "value_type", "default_value")
-    _child(tool, "marker_file", MARKERS)
-    return _document(top)
+    tasks = [
+        _element("IKMarkerTask", {"apply": "true", "weight": f"{weight:g}"}, name)
+        for name, (_, _, weight) in places.items()
+    ]
+    unseen = {"apply": "true", "weight": "1", "value_type": "default_value"}
+    tasks += [_element("IKCoordinateTask", unseen, name) for name in _UNSEEN]
+    tool = {
+        "results_directory": ".",
+        "model_file": SCALED,
+        "constraint_weight": "Inf",
+        "accuracy": "1e-5",
+        "time_range": _numbers([begin, end]),
+        "output_motion_file": ANGLES,
+        "report_errors": "false",
+        "IKTaskSet": {"objects": tasks},
+        "marker_file": MARKERS,
+    }
+    return _document(_element("InverseKinematicsTool", tool, "ik"))
 
 
-def _child(
-    parent: ElementTree.Element, tag: str, text: str = "", **attributes: str
-) -> ElementTree.Element:
-    child = ElementTree.SubElement(parent, tag, attributes)
-    child.text = text or None
-    return child
+def _element(tag: str, content: Any, name: str = "") -> ElementTree.Element:
+    """Return an element with its children by their tags, a list of them, or a text."""
+    element = ElementTree.Element(tag, {"name": name} if name else {})
+    if isinstance(content, str):
+        element.text = content
+    elif isinstance(content, Mapping):
+        element.extend(_element(key, value) for key, value in content.items())
+    else:
+        element.extend(content)
+    return element
 
 
 def _numbers(values: np.ndarray | list[float]) -> str:
     return " ".join(f"{value:.6f}" for value in values)
 
 
-def _document(top: ElementTree.Element) -> str:
+def _document(content: ElementTree.Element) -> str:
+    top = ElementTree.Element("OpenSimDocument", Version="40000")
+    top.append(content)
     ElementTree.indent(top)
     return '<?xml version="1.0" encoding="UTF-8"?>\n' + ElementTree.tostring(top, "unicode") + "\n"

@@ -38,10 +38,6 @@ _MOST_GAPS = 20
 _MOST_PERSONS, _MOST_NUMBERS, _MOST_BYTES = 200, 3000, 2**30
 #: Most persons in all frames of a camera together; an hour of ten persons has so many.
 _MOST_OF_ALL_FRAMES = 2_000_000
-#: Largest JSON file, which is of one picture.
-_MOST_JSON_BYTES = 16 * 2**20
-#: Largest JSON file of a video.
-_MOST_LIST_BYTES = 2**29
 _PICKLED = "a pickle of plain lists of frames, persons and pose_keypoints_2d"
 
 
@@ -131,7 +127,7 @@ def _parse_labels(path: Path) -> list[np.ndarray]:
     """Return the persons (K, 3) of a file of YOLO's labels, shares of the picture: lines of class,
     box, x, y and perhaps confidence of 17 points, and perhaps the person's; none of other texts."""
     persons = []
-    for line in read_text(path, "YOLO's labels", _MOST_JSON_BYTES).splitlines():
+    for line in read_text(path, "YOLO's labels").splitlines():
         try:
             values = np.array([float(word) for word in line.split()])
         except ValueError:
@@ -152,7 +148,7 @@ def read_mmpose(folder: Path, paths: Sequence[Path]) -> RawKeypoints | None:
     naming the file that is wrong."""
     people = {}
     for path in paths:
-        content = read_json(path, "JSON of a video", _MOST_LIST_BYTES, nan=True)
+        content = read_json(path, "JSON of a video", nan=True)
         frames = content.get("instance_info") if isinstance(content, Mapping) else None
         if isinstance(frames, list) and all(isinstance(frame, Mapping) for frame in frames):
             parts = (*path.relative_to(folder).parent.parts, path.stem)
@@ -169,7 +165,7 @@ def read_alphapose(folder: Path, paths: Sequence[Path]) -> RawKeypoints | None:
     """
     views, counted = {}, True
     for path in paths:
-        content = read_json(path, "JSON of a video", _MOST_LIST_BYTES, nan=True)
+        content = read_json(path, "JSON of a video", nan=True)
         persons = _list_alphapose(content)
         if persons is not None:
             frames: dict[int, list[np.ndarray]] = {}
@@ -226,7 +222,7 @@ def read_opencap(folder: Path, paths: Sequence[Path]) -> RawKeypoints:
 
 
 def _read_picture(path: Path) -> object:
-    return read_json(path, "OpenPose's JSON of a picture", _MOST_JSON_BYTES, nan=True)
+    return read_json(path, "OpenPose's JSON of a picture", nan=True)
 
 
 def _parse_persons(

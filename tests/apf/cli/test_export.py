@@ -106,20 +106,17 @@ def test_tracks_of_before_hold_no_body_but_have_it_beside_them(tmp_path: Path) -
     save_body(tmp_path / "body.toml", SONG)
     assert Track.open(tmp_path).its_body.name == "song31"
     assert main(["export", str(tmp_path), "--to", "bvh"]) == 0
-    (tmp_path / "body.toml").rename(tmp_path / "other.toml")
-    flag = ["--body", str(tmp_path / "other.toml")]
-    assert main(["export", str(tmp_path), "--to", "glb", *flag]) == 0
 
 
 def test_what_is_wrong_is_said_in_a_line(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     replace(strider(20), body=None).save(tmp_path / "track.npz")
     (tmp_path / "file").write_text("")
+    strider(20).save(tmp_path / "whole.npz")
     for wrong, said in (
         ([str(tmp_path)], "expected body.toml"),
         ([str(tmp_path / "nowhere")], "no such file"),
-        ([str(tmp_path), "--body", "rymut31_upper"], "not the one that was tracked"),
         ([str(tmp_path), "--cutoff", "0"], "expected"),
-        ([str(tmp_path), "--body", "song31", "-o", str(tmp_path / "file")], "is a file"),
+        ([str(tmp_path / "whole.npz"), "-o", str(tmp_path / "file")], "is a file"),
     ):
         assert main(["export", *wrong]) == 2
         lines = capfd.readouterr().err.strip().splitlines()

@@ -60,7 +60,7 @@ def test_another_number_than_is_seen_is_said(
     request = TrackRequest(folders=(Path("duo"),), people=2)
     job = TrackJob(request, None, TakeLine(progress_bar()))  # type: ignore[arg-type]
     found = people.find_persons(job, session, None)  # type: ignore[arg-type]
-    assert found is not None and len(found.sessions) == 2
+    assert found is not None and len(found.everybody) == 2
     said = capsys.readouterr().err.replace("\n", " ")
     assert ("duo: --people is 2; without it" in said) is (n_seen != 2)
 
@@ -68,7 +68,7 @@ def test_another_number_than_is_seen_is_said(
 def test_who_was_not_tracked_to_the_end_is_seen_so_far(tmp_path: Path) -> None:
     """An interrupt in the first of two people."""
     frames = np.arange(6)
-    found = people.Persons(range(6), [frames, frames], [])
+    found = people.Persons(range(6), (people.Person(frames, None),) * 2)  # type: ignore[arg-type]
     gathered = found.gather([tracks.walker(4)], ["bad"])
     assert gathered.seen[0].tolist() == [0, 1, 2, 3]
     assert gathered.counts.tolist() == [1, 1, 1, 1, 0, 0]

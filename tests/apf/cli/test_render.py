@@ -63,7 +63,6 @@ def test_bad_input_is_one_line(
         (["--frames", "0:2"], "has none of the frames 0 to 1"),
         (["--shape", str(tmp_path / "no.ply")], "no.ply: not a mesh"),
         (["--opengl", "--round-ends"], "--round-ends is OpenCL's"),
-        (["--body", str(tmp_path / "no.toml")], "no body model"),
     ):
         assert render(recorded, "-o", str(tmp_path / "out"), *more) == 2
         error = capsys.readouterr().err

@@ -237,9 +237,9 @@ def test_several_takes_are_a_batch_without_exports(
     days = [tmp_path / day / "walk" for day in ("monday", "tuesday")]
     for day in days:
         shutil.copytree(walk, day)
-    words = [*map(str, days), "-o", str(tmp_path / "out"), "--at-once", "3", "--particles", "40"]
+    words = [*map(str, days), "-o", str(tmp_path / "out"), "--particles", "40"]
     assert main(["track", *words]) == 0
-    assert asked[0].to == () and asked[0].workers == 3
+    assert asked[0].to == ()
     jobs = make_jobs(asked[0])
     assert [job.name for job in jobs] == ["monday_walk", "tuesday_walk"]
     assert jobs[0].request.method.filter.search.n_particles == 40
@@ -250,7 +250,6 @@ def test_several_takes_are_a_batch_without_exports(
     [
         (["{b}/../walk"], "given twice"),
         (["{b}/videos", "--init", "{b}/truth.npz"], "--init is the first pose of one take"),
-        (["{b}/videos", "--at-once", "0"], "--at-once is 0"),
     ],
 )
 def test_what_several_takes_cannot_be_asked(

@@ -74,10 +74,3 @@ def test_a_picture_without_a_page(
     assert picture is not None and picture.any()
     assert main([*flags, "--frame", "0"]) == 2
     assert "frame 0 was not tracked" in capsys.readouterr().err
-
-
-def test_another_body_is_refused(
-    out: Path, track: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["view", str(out), str(track), "--body", "rymut31_lower"]) == 2
-    assert "not that of --body rymut31_lower" in capsys.readouterr().err

@@ -88,7 +88,7 @@ def test_takes_that_were_recorded_have_folders(filmed: Path, tmp_path: Path, mon
     def run_with_takes(
         args, run: Live, start, pace, keep
     ) -> tuple[LiveResult, list[tuple[int, int]]]:
-        result = run.run(lambda result, timeline: None)
+        result = run.run([lambda result, timeline: None])
         middle = result.frames[len(result.frames) // 2]
         return result, [(middle, result.frames[-1]), (10**6, 10**6)]
 
@@ -131,7 +131,7 @@ def prepared(folder: Path, objective: str = "voxel", follow: bool = False) -> Li
     return Live(
         Device.best(),
         Replay(sequence, range(5)),
-        LiveStart(grid, body, pose),
+        LiveStart(grid, [(body, pose)]),
         searches,
         follow=follow,
     )
@@ -159,7 +159,7 @@ def test_stopped_it_keeps_what_it_has(filmed: Path) -> None:
     def interrupt(result: object, timeline: Timeline) -> None:
         raise KeyboardInterrupt
 
-    result = run.run(interrupt)
+    result = run.run([interrupt])
     assert len(result.frames) == len(result.estimates) == len(result.latencies) <= 5
     assert threading.active_count() < 20
 
@@ -231,7 +231,7 @@ def test_a_full_disk_leaves_the_parts(filmed: Path, tmp_path: Path, monkeypatch,
         raise InputError("joints.trc: cannot be written: No space left on device")
 
     monkeypatch.setattr(live_command, "_APART", 0.0)
-    monkeypatch.setattr(live_command, "write_files", full)
+    monkeypatch.setattr(live_command, "write_people", full)
     names = film(monkeypatch, filmed, {}, 100)
     assert live(filmed, tmp_path / "out", "--particles", "48", "--captures", *names) == 2
     assert f"what was tracked is in {tmp_path / 'out' / 'parts'}" in capfd.readouterr().err
@@ -348,7 +348,8 @@ def test_a_lost_pose_is_not_kept(filmed: Path, objective: str) -> None:
     assert [estimate.lost for (estimate,) in run.result.estimates] == [False, True]
     # It moves with the voxels, where there are some.
     moved = run.result.newest[0].pose - good.pose
-    expected = make_translation_matrix(run.body) @ [0.1 if objective == "voxel" else 0.0, 0.0, 0.0]
+    step = np.array([0.1 if objective == "voxel" else 0.0, 0.0, 0.0])
+    expected = make_translation_matrix(run.persons[0].body) @ step
     np.testing.assert_allclose(moved, expected, atol=0.03)  # half a voxel more: noisy videos
     again = tracked(run, seen(run, 2))
     assert np.abs(again.pose - good.pose).max() < 0.5
@@ -372,7 +373,7 @@ def test_the_pose_moves_with_the_voxels(filmed: Path) -> None:
     assert before is not None and after is not None
     step = after - before  # with what a second look at the frame changes
     np.testing.assert_allclose(step, [0.2, 0.0, 0.0], atol=0.02)
-    expected = at + make_translation_matrix(run.body) @ step
+    expected = at + make_translation_matrix(run.persons[0].body) @ step
     np.testing.assert_allclose(particles.sets[1].get()[0], expected, atol=2e-3)
 
 
@@ -399,9 +400,9 @@ def test_two_people_have_a_tracker_each(filmed: Path) -> None:
     """Who stands where nobody is has no voxels, is lost, and takes none of the other's."""
     run = prepared(filmed)
     alone = seen(run, 0).seen[0]
-    body, pose = run.body, run.persons[0].pose
+    body, pose = run.persons[0].body, run.persons[0].pose
     aside = pose + make_translation_matrix(body) @ [1.2, 0.0, 0.0]
-    start = LiveStart(find_grid(filmed), body, pose, ((body, aside),))
+    start = LiveStart(find_grid(filmed), [(body, pose), (body, aside)])
     search = Method.create("apf", "voxel", n_particles=48, n_layers=6)
     both = Live(run.device, run.source, start, [search])
     first, second = both.observe(run.source.first(), 0.0)

@@ -76,11 +76,11 @@ def test_board_is_found_and_cameras_are_used(day: Path, page: Page) -> None:
     view.target.kind.value = CHARUCO
     view.target.squares.value, view.target.square.value = SQUARES, SQUARE
     view.search()
-    view.wait(60)
+    view.wait(600)
     assert "looked at all frames" in view.words and "cam" in view.words
     assert all(seen.frames >= 5 for seen in view.coverage)
     view.calibrate()
-    view.wait(120)
+    view.wait(600)
     assert view.work is not None and view.work.succeeded, view.work and view.work.words
     cameras = view.cameras.value
     page.open(day / "walk")

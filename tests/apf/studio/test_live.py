@@ -23,7 +23,9 @@ def test_newest_pose_is_shown() -> None:
     layers = np.zeros(4)
     result, timeline = LiveResult(sizes=[(0, 60, 4)]), Timeline(STAGES)
     with closing(
-        LivePage(LiveStart(None, track.its_body, track.poses[0]), ring(), lambda: stopped.append(1))
+        LivePage(
+            LiveStart(None, [(track.its_body, track.poses[0])]), ring(), lambda: stopped.append(1)
+        )
     ) as page:
         assert np.allclose(page.nodes[0].joints.points, track.joints[0], atol=1e-5)
         page(result, timeline)

@@ -154,7 +154,6 @@ def test_what_cannot_be_smoothed(tmp_path: Path, capfd: pytest.CaptureFixture[st
         [str(tmp_path / "absent"), "-o", out],
         [folder, "-o", out, "--cutoff", "0"],
         [folder, "-o", out, "--lag", "-1"],
-        [folder, "-o", out, "--body", "absent.toml"],
     ):
         assert main(["smooth", *wrong]) == 2
         lines = capfd.readouterr().err.strip().splitlines()

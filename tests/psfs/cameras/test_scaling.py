@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import cv2
 import numpy as np
 import pytest
 from helpers import calibration as made
 
-from apf.live.sources import Smaller
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.diagnostics.small_views import Shrink
 from psfs.sequence import Frame
@@ -27,14 +25,10 @@ def ramps(rig: CameraRig) -> np.ndarray:
     return np.stack([own.astype(np.float32)] * len(rig))
 
 
-@pytest.mark.parametrize("kind", [Shrink, Smaller])
-def test_small_pictures_are_to_the_scale_of_their_cameras(kind: type) -> None:
+def test_small_pictures_are_to_the_scale_of_their_cameras() -> None:
     factor = ODD.factor_within(40)
     assert factor == 40 / 129
-    source = ODD if kind is Shrink else SimpleNamespace(rig=ODD, has_images=True, background=None)
-    resize = kind(source, factor)
-    call = resize.frame if kind is Shrink else resize
-    found = call(Frame(0, ramps(ODD), None)).images
+    found = Shrink(ODD, factor).frame(Frame(0, ramps(ODD), None)).images
     assert found is not None and found.shape == (2, 30, 40, 2)
     small = ODD.scaled(factor)
     for shown, camera in zip(found, small, strict=True):
