@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 
 from psfs.background.config import BackgroundConfig
-from psfs.background.gaussian import SAMPLES, Moments, masked_moments
+from psfs.background.gaussian import Moments, masked_moments
 from psfs.common.colours import N_BINS, colour_bins
 
 #: Least change of a pixel over a take that is motion, grey levels: more than shades of a shadow and
@@ -58,20 +58,6 @@ def find_same(mean: np.ndarray, std: np.ndarray, film: Moments) -> np.ndarray:
     return np.asarray(cv2.blur(ratio, (3, 3)) > 0)
 
 
-def add_film(
-    mean: np.ndarray, std: np.ndarray, count: np.ndarray, film: Moments, same: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the moments (..., 3) of `count` (...) frames of a take and of the film together, and
-    their number. The film counts as SAMPLES frames where it is the `same` (...)."""
-    filmed = SAMPLES * same
-    total = count + filmed
-    share = (filmed / np.maximum(1, total))[..., None].astype(np.float32)
-    both = (1 - share) * mean + share * film[0]
-    variance = (1 - share) * (std**2 + (mean - both) ** 2)
-    variance += share * (film[1] ** 2 + (film[0] - both) ** 2)
-    return both, np.sqrt(variance), total
-
-
 class PixelDensities:
     """Log ratios of the person's colours over the background's in one camera's frames.
 
@@ -115,7 +101,11 @@ class PixelDensities:
         self.same = np.zeros(region.shape, bool)
         if self._film is not None:
             self.same = find_same(mean, std, self._film) | (count == 0)
-            mean, std, count = add_film(mean, std, count, self._film, self.same)
+            mean, std = (
+                np.where(self.same[..., None], *both)
+                for both in zip(self._film, (mean, std), strict=True)
+            )
+            count = np.where(self.same, 1, count)
         estimated = _background_density(self._shown, mean[region], std[region])
         mixed = (1 - _UNEXPLAINED) * estimated + _UNEXPLAINED * self._unseen
         self._background = np.where(count[region] > 0, mixed, self._unseen)

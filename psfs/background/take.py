@@ -6,8 +6,8 @@ latter takes the evidence of the pixel itself, and that of the other cameras: a 
 their rays meet. The background is then the median of the frames in which a pixel is not covered,
 and the person's colours are those of the pixels that are.
 
-A film of the empty scene is one more observation, in light of its own. It counts where no frame
-contradicts it: furniture may have been moved since.
+A film of the empty scene, in light of its own, is the background where the frames do not contradict
+it: furniture may have been moved since.
 """
 
 from __future__ import annotations
@@ -36,7 +36,6 @@ from psfs.background.gaussian import (
 from psfs.background.light import GRID, fit_light, light_fields, relight_picture
 from psfs.background.pixel_densities import (
     PixelDensities,
-    add_film,
     close_region,
     find_moving_region,
     find_same,
@@ -231,17 +230,10 @@ def _estimate_view(numbers: list[int], media: Media, view: _View, labels: Labels
         return np.asarray(enlarged).view(picture.dtype)
 
     covered, unseen = np.stack([enlarge(mask) for mask in labels.covered]), enlarge(labels.unseen)
-    if view.film is None:
-        mean, std = np.empty((2, *frames.shape[1:]), np.float32)
-        count, learnt = np.zeros(mean.shape[:2], int), np.ones(mean.shape[:2], bool)
-    else:  # where nobody comes and it holds, the film is enough
-        same = enlarge(labels.same)
-        (mean, std), count = view.film, SAMPLES * same
-        learnt = covered.any(0) | ~same
-    moments = masked_moments(frames[:, learnt], covered[:, learnt])
-    if view.film is not None:
-        moments = add_film(*moments, (mean[learnt], std[learnt]), same[learnt])
-    mean[learnt], std[learnt], count[learnt] = moments
+    learnt = ~enlarge(labels.same)
+    mean, std = np.empty((2, *frames.shape[1:]), np.float32) if view.film is None else view.film
+    count = (~learnt).astype(int)
+    mean[learnt], std[learnt], count[learnt] = masked_moments(frames[:, learnt], covered[:, learnt])
     known = count > 0
     std[~known] = _UNIFORM_STD
     known |= np.isnan(unseen[..., 3])
