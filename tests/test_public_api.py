@@ -157,21 +157,6 @@ def test_what_is_not_there_is_a_missing_file(walk: Path, tmp_path: Path) -> None
         psfs.open_sequence(walk, background="cinema")
 
 
-def test_the_parts_fit_together(walk: Path) -> None:
-    device, sequence = psfs.Device.best(), psfs.open_sequence(walk)
-    settings = psfs.SessionSettings(voxel_size=0.03)
-    grid = psfs.automatic_grid(psfs.Session(sequence, device, settings))
-    body, pose, _ = apf.fit_to_joints(apf.load_body("song31"), first_joints(walk))
-    reconstructor = psfs.Reconstructor(device, sequence.rig, grid, sequence.background)
-    config = apf.FilterConfig.create(n_particles=40, n_layers=3)
-    scene = apf.Scene(device, sequence.rig, grid, body)
-    tracker = apf.AnnealedParticleFilter(scene, config)
-    tracker.start(pose)
-    estimates = [tracker.step(voxels) for voxels in reconstructor.stream(sequence)]
-    assert len(estimates) == 5 and isinstance(estimates[0], apf.Estimate)
-    assert estimates[-1].joints.shape == (len(body.joint_names), 3)
-
-
 @pytest.mark.usefixtures("quick_start")
 def test_readme_example_runs(walk: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """From the folder alone: the start is found, too."""

@@ -151,7 +151,7 @@ def _serve_with_checks(gate: Gate) -> Iterator[None]:
 
 def _status(port: int, path: str) -> int:
     """Return the status of the answer to a request of `path`."""
-    connection = http.client.HTTPConnection(HOST, port, timeout=10)
+    connection = http.client.HTTPConnection(HOST, port, timeout=60)
     try:
         connection.request("GET", path)
         return connection.getresponse().status

@@ -11,7 +11,6 @@ from apf.backend import (
     draw_poses,
     make_device_tracker,
     make_feature_extractor,
-    make_filter,
     make_observer,
     make_tracker,
     shares_launches,
@@ -51,13 +50,6 @@ def test_trackers(device: Device, search: str, objective: str) -> None:
     assert type(on_device) is DEVICE[search] and type(twin) is NUMPY[search]
     assert isinstance(on_device, DeviceTracker) and isinstance(twin, NumpyTracker)
     assert isinstance(on_device, Tracker) and isinstance(twin, Tracker)
-
-
-def test_the_filter_of_voxels(device: Device) -> None:
-    world = World(device, STICK, voxel=0.2)
-    config = Method().filter
-    assert type(make_filter(world.scene(), config)) is AnnealedParticleFilter
-    assert type(make_filter(world.scene(NumpyDevice()), config)) is NumpyAnnealedParticleFilter
 
 
 def test_several_runs_are_made_by_the_annealed_filter_over_voxels_alone(device: Device) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from typing import Any
 
 import numpy as np
 import pyopencl
@@ -115,26 +114,6 @@ def test_a_change_is_seen_by_all_joined_launches_of_which_a_launch_is_a_part(
     joined = first.out.get()
     first.run()
     np.testing.assert_array_equal(joined, first.out.get())
-
-
-def test_a_change_sets_no_other_arguments_of_the_joined_launch(
-    device: Device, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """As in every frame of a live run, which widens the noise of each person's particles."""
-    batch = Batch(device, 2, joins=True)
-    things = batch.run(make_actions(device, (2.0, 3.0), (8, 8)))
-    batch.run([thing.run for thing in things])
-    given: list[set[str]] = []
-    set_arguments = Launch.set
-
-    def record(launch: Launch, **arguments: Any) -> None:
-        given.append(set(arguments))
-        set_arguments(launch, **arguments)
-
-    monkeypatch.setattr(Launch, "set", record)
-    things[0].launch.set(factor=7.0)
-    batch.run([thing.run for thing in things])
-    assert given == [{"factor"}, {"factor", "values_of_factor"}]
 
 
 def test_what_waits_for_the_device_gets_what_was_collected_before_it(device: Device) -> None:

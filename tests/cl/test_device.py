@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import gc
-import weakref
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
-from weakref import WeakValueDictionary
 
 import numpy as np
 import pyopencl
@@ -260,21 +258,6 @@ def test_siblings_share_memory_and_programs(
         list(pool.map(lambda own: own.kernel("some", "fill", SCALE=1), (fresh, other)))
     Device(fresh.handle, profile=True).kernel("some", "fill", SCALE=1)
     assert builds(caplog) == 1
-
-
-def test_programs_live_as_long_as_a_device_that_uses_them(
-    monkeypatch: pytest.MonkeyPatch, device: Device
-) -> None:
-    monkeypatch.setattr(cl.program, "_SHARED", WeakValueDictionary())
-    first, second = Device(device.handle), Device(device.handle)
-    kept = weakref.ref(first.programs)
-    assert first.context == second.context != device.context
-    del first
-    gc.collect()
-    assert kept() is second.programs
-    del second
-    gc.collect()
-    assert kept() is None
 
 
 def test_failing_allocations_are_user_errors(

@@ -84,7 +84,7 @@ def test_servers_of_another_kind(server: Callable[[bytes], str], greeting: bytes
 
 
 def test_a_scheduler_answers(server: Callable[[bytes], str]) -> None:
-    _check_answer(server(struct.pack("<Q", 200) + b"greeting"), 5.0)
+    _check_answer(server(struct.pack("<Q", 200) + b"greeting"), 60.0)
 
 
 @pytest.mark.parametrize("address", ["hello", "http://127.0.0.1:1", "tcp://127.0.0.1", "tcp://:x"])

@@ -16,7 +16,6 @@ from helpers.opensim import write_model
 from apf.filters.method import Method
 from apf.formats.opensim.model import read_model
 from apf.keypoints.opening import read_raw
-from apf.takes.keypoints import keypoints_path
 from apf.tracking.correction import Correction, Corrections
 from apf.tracking.people import PeopleTracks
 from apf.tracking.track import PEOPLE
@@ -82,12 +81,6 @@ def test_models_of_opensim(tmp_path: Path, change: Callable[[str], str], said: s
 def test_a_table_for_a_name_in_settings() -> None:
     with pytest.raises(InputError, match=r"search is \{'a': 1\}; expected apf, "):
         Method.from_dict({"search": {"a": 1}})
-
-
-@pytest.mark.parametrize("pattern", ["x/**a/[*", "**a"])
-def test_patterns_of_keypoints(pattern: str, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="pattern"):
-        keypoints_path(pattern, tmp_path)
 
 
 @pytest.mark.parametrize("pattern", ["x/**a/[*", "**a", "["])

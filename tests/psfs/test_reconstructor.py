@@ -71,11 +71,6 @@ def test_a_stream_gives_what_single_calls_give(device: Device) -> None:
         np.testing.assert_array_equal(cloud.probability, expected.probability)
 
 
-def test_a_stream_of_nothing(device: Device) -> None:
-    rig = scenes.ring(2)
-    assert not list(Reconstructor(device, rig, scenes.small_grid(), None).stream([]))
-
-
 def test_a_following_grid_keeps_the_person_inside(device: Device) -> None:
     rig = scenes.without_distortion(scenes.ring(5))
     size = 0.05
@@ -93,14 +88,6 @@ def test_a_following_grid_keeps_the_person_inside(device: Device) -> None:
         theirs = {tuple(p) for p in np.rint(expected.centres * 1000).astype(int)}
         assert len(ours ^ theirs) <= 0.01 * len(theirs)
     assert follows.grid.origin[0] < small.origin[0] or follows.grid.origin[0] > small.origin[0]
-
-
-def test_an_empty_frame_leaves_the_grid_where_it_is(device: Device) -> None:
-    rig, grid = scenes.ring(3), scenes.small_grid()
-    follows = Reconstructor(device, rig, grid, None, follow=True)
-    empty = scenes.frame(masks=np.zeros((3, rig.height, rig.width), np.uint8))
-    for _ in range(2):
-        assert follows(empty).grid is grid
 
 
 def test_many_frames_take_no_more_memory_than_fifty() -> None:

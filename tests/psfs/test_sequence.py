@@ -14,7 +14,6 @@ from helpers import footage, scenes
 from helpers.shared import shared_data
 from PIL import Image
 
-import psfs.sequence
 from cl import InputError
 from psfs.background import gaussian
 from psfs.background.gaussian import (
@@ -66,16 +65,6 @@ def test_native_videos(tmp_path: Path) -> None:
     assert sequence.background is background
 
 
-def test_frame_numbers_after_seeking_far(tmp_path: Path) -> None:
-    footage.write_video(tmp_path / "a.mp4", [footage.grey(i, 0) for i in range(140)])
-    media = open_media("a", [tmp_path / "a.mp4"])
-    assert media.count == 140
-    decoder = media.open()
-    for index in (139, 0, 68, 69, 137, 2, 100):
-        assert decoder.read(index)[9, 9, 0] == pytest.approx(footage.grey(index, 0), abs=5)
-    decoder.close()
-
-
 def test_ascending_reads_do_not_seek(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     footage.write_video(tmp_path / "a.mp4", [footage.grey(i, 0) for i in range(40)])
     decoder = open_media("a", [tmp_path / "a.mp4"]).open()
@@ -109,13 +98,6 @@ def test_frames_that_are_kept_are_decoded_once(
     longer.keep_frames()
     decoded.clear()
     assert len([*longer, *longer]) == 24 and len(decoded) == 3 * 24
-
-
-def test_the_room_for_frames_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(psfs.sequence.os, "cpu_count", lambda: 16)
-    for there, room in ((2**34, 2**28), (2**40, 2**30)):
-        monkeypatch.setattr(psfs.sequence, "physical_memory", lambda there=there: there)
-        assert psfs.sequence.frame_memory_limit() == room
 
 
 def test_native_images_masks_and_one_plate(tmp_path: Path) -> None:
@@ -372,11 +354,9 @@ def test_prefetch_is_bounded() -> None:
     ("name", "frames", "views", "fps", "kind", "size"),
     [
         ("synth_walk_4cam", 172, 4, 60, "gaussian", (480, 640)),
-        ("utrecht_seated", 426, 4, 50, "gaussian", (486, 644)),
         ("bodytrack_walk", 4, 4, 60, "masks", (480, 640)),
         ("middlebury_dino", 1, 15, 1, "threshold", (480, 640)),
         ("dancer8", 1, 8, 30, "masks", (582, 780)),
-        ("pose2sim_balance", 100, 4, 60, "gaussian", (1920, 1088)),
     ],
 )
 def test_real_folders(name: str, frames: int, views: int, fps: int, kind: str, size) -> None:
@@ -389,13 +369,6 @@ def test_real_folders(name: str, frames: int, views: int, fps: int, kind: str, s
     if kind in ("masks", "threshold"):
         assert frame.masks.shape == (views, *size)
         assert 0.01 < (frame.masks > 127).mean() < 0.6
-
-
-def test_utrecht_stands_upright_in_metres() -> None:
-    sequence = Sequence.open(shared_data("utrecht_seated"))
-    np.testing.assert_allclose(
-        sequence.rig[0].centre, 0.00076 * np.array([3485, -4446, 1803]), atol=2e-3
-    )
 
 
 def test_footage_on_another_drive_is_opened_again(

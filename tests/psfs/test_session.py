@@ -53,10 +53,10 @@ def test_each_stage_gets_a_reconstructor_that_has_seen_no_frame(session: Session
     for frame in session.sequence:
         first(frame)
     moved = VoxelGrid(grid.origin + 0.02, grid.voxel_size, grid.shape)
-    for other in (grid, moved, grid):
-        found = list(session.iterate_carved(other, range(4)))
+    for other in (moved, grid):
+        found = list(session.iterate_carved(other, range(3)))
         assert session.reconstructor(other) is first  # the device's memory is used again
-        assert_same(found, carved_anew(session, other, range(4)))
+        assert_same(found, carved_anew(session, other, range(3)))
 
 
 def test_frames_carved_by_one_stage_are_kept_for_the_next(

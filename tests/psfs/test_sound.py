@@ -11,7 +11,6 @@ import pytest
 from cl import InputError
 from psfs.calibration.targets.detection import open_uncalibrated
 from psfs.footage.settings import SequenceSettings
-from psfs.footage.sound import find_lag
 from psfs.request import parse_sync
 
 RATE, FPS = 16000, 20
@@ -106,9 +105,3 @@ def test_videos_without_sound_or_of_other_rooms_are_named(takes: Path) -> None:
         open_uncalibrated(takes, SequenceSettings(sync="audio"))
     with pytest.raises(InputError, match=r"expected audio .*from_phones"):
         open_uncalibrated(takes, SequenceSettings(sync="auto"))
-
-
-def test_the_lag_of_two_tracks() -> None:
-    sound = room(4.0)
-    lag, clarity = find_lag(sound[8000:], sound)
-    assert lag == pytest.approx(1.0, abs=1e-3) and clarity > 3

@@ -81,7 +81,3 @@ def test_the_earlier_of_two_that_are_equally_near() -> None:
     times = [np.array([0.0, 2.0, 4.0]), np.array([-1.0, 1.0, 3.0, 4.5])]
     assert pair_frames(times) == ([(0, 0), (1, 1), (2, 3)], 1.0)
     assert pair_frames([np.array([0.0]), np.array([-1.0, 0.0])]) == ([(0, 1)], 0.0)
-
-
-def test_times_that_no_camera_shares() -> None:
-    assert pair_frames([np.arange(3.0), 100 + np.arange(3.0)]) == ([], 0.0)

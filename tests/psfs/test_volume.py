@@ -19,7 +19,6 @@ from psfs.sequence import Frame, Sequence
 from psfs.session import Session, SessionSettings
 from psfs.volume import automatic_grid
 from psfs.voxels.grid import VoxelGrid
-from psfs.voxels.occupied_box import reachable_box
 
 
 @dataclass
@@ -75,13 +74,6 @@ def test_only_background_is_an_error() -> None:
     empty = np.zeros((3, rig.height, rig.width), np.uint8)
     with pytest.raises(InputError, match=r"nothing stands out .*; expected masks"):
         automatic_grid(session(Footage(rig, [empty] * 20)))
-
-
-def test_the_search_scales_with_the_rig() -> None:
-    low, high = reachable_box(scenes.ring(4, radius=3.0))
-    assert low[2] == -0.1 and np.all(high - low < 8)
-    low, high = reachable_box(scenes.ring(1))
-    assert np.isfinite([low, high]).all() and np.all(high > low)
 
 
 def test_real_sets() -> None:

@@ -61,12 +61,6 @@ def test_a_kernel_is_ok_where_it_was_tried_and_nothing_was_found() -> None:
     }  # fmt: skip
 
 
-def test_helpers_left_to_the_linker_are_found() -> None:
-    assembly = "k:\n s_add_u32 s0, s0, helper@rel32@lo+4\n s_add_u32 s0, s0, own@rel32@lo+4\nown:\n"
-    assembly += " s_add_u32 s0, s0, _Z3sinf@gotpcrel32@lo+4\n"
-    assert check_kernels.undefined_calls(assembly) == ["helper"]
-
-
 def test_missing_tools_are_named(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr(check_kernels, "ICD", tmp_path / "none.so")
     monkeypatch.setattr(shutil, "which", lambda tool: None)

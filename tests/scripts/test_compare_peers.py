@@ -11,17 +11,15 @@ import numpy as np
 import pytest
 from helpers.shared import ROOT
 
-from apf.formats.trc import JointSeries, read_trc
+from apf.formats.trc import JointSeries
 from cl import InputError
 
 sys.path.insert(0, str(ROOT / "scripts"))
-from accuracy.runs import Results, Run, Setting
 from peers.figures import measure
-from peers.programs import JOINTS, _with_true_count, order_points
+from peers.programs import JOINTS, order_points
 from peers.results import (
     PeerResults,
     PeerRun,
-    replace_suite_runs,
     sequence_table,
     summary_table,
     write_tables,
@@ -70,25 +68,6 @@ def test_jitter_is_that_of_the_error_and_not_of_the_motion() -> None:
     assert measure(shown(noisy), truth).jitter == pytest.approx(2)
 
 
-def test_a_trc_that_lacks_its_last_row_is_read(tmp_path: Path) -> None:
-    rows = [[f"{k}", f"{k / 30}", "1.0", "2.0", "3.0"] for k in range(4)]
-    names = "DataRate CameraRate NumFrames NumMarkers Units OrigDataRate OrigDataStartFrame"
-    lines = [
-        "PathFileType\t4\t(X/Y/Z)\ta.trc",
-        "\t".join([*names.split(), "OrigNumFrames"]),
-        "30\t30\t5\t1\tm\t30\t0\t5",
-        "Frame#\tTime\tRHip\t\t",
-        "\t\tX1\tY1\tZ1",
-        *("\t".join(row) for row in rows),
-    ]
-    file = tmp_path / "a.trc"
-    file.write_text("\n".join(lines) + "\n")
-    with pytest.raises(InputError, match="promises 5"):
-        read_trc(file, "pose2sim")
-    series = read_trc(_with_true_count(file), "pose2sim")
-    assert len(series.frames) == 4 and series.joints[0, 0].tolist() == [3.0, 1.0, 2.0]
-
-
 def test_runs_are_kept_and_shown(tmp_path: Path) -> None:
     results = PeerResults.read(tmp_path / "peers.json")
     truth = the_truth()
@@ -108,31 +87,6 @@ def test_runs_are_kept_and_shown(tmp_path: Path) -> None:
     (tmp_path / "peers.json").write_text(json.dumps({"runs": 3}))
     with pytest.raises(InputError, match="not the results"):
         PeerResults.read(tmp_path / "peers.json")
-
-
-def test_our_runs_are_replaced_by_those_of_a_suite(tmp_path: Path) -> None:
-    """Of the programs that are named, where it has some; older files lack what is exported."""
-    figures = {"mean": 20.0, "rest": 10.0, "far": 0.0, "gaps": 0.1, "jitter": 4.0, "skating": 3.0}
-    setting = Setting("walk", 4, 1, "apf", "voxel", 30, 3, "found")
-    nothing = dict.fromkeys(("mean", "median", "largest", "frame_std", "constant", "rest",
-                             "lost_joints", "inside_95", "seconds"), 1.0)  # fmt: skip
-    run = Run(setting, 0, frames=5, lost_limbs=[], lost_frames=0, joints={}, limbs=25.0, **nothing)
-    suite = Results(tmp_path / "results.json", {"device": "abacus", "commit": "f00d"})
-    suite.add(replace(run, exported=figures))
-    suite.add(replace(run, setting=replace(setting, observations="both")))
-    suite.add(replace(run, setting=replace(setting, sequence="another")))
-    peers = PeerResults(tmp_path / "peers.json")
-    for seed, program in enumerate(("ours: voxels", "ours: both", "ours: triangulation")):
-        peers.add(PeerRun("walk", program, seed, "old", "c0ffee"))
-    replace_suite_runs(peers, tmp_path / "results.json", ["ours: voxels"])
-    found = {run.program: run for run in PeerResults.read(tmp_path / "peers.json").runs}
-    assert len(found) == 3 and found["ours: both"].commit == "c0ffee"
-    ours = found["ours: voxels"]
-    assert (ours.commit, ours.device, ours.seed) == ("f00d", "abacus", 0)
-    assert ours.figures is not None and ours.figures.gaps == 0.1 and ours.figures.mean == 20
-    replace_suite_runs(peers, tmp_path / "results.json", ["ours: both"])
-    (both,) = peers.select("ours: both")
-    assert both.figures is not None and both.figures.mean == 25 and np.isnan(both.figures.gaps)
 
 
 def test_points_in_the_order_that_pose2sim_expects() -> None:

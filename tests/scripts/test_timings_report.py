@@ -13,19 +13,13 @@ from helpers.shared import ROOT
 
 sys.path.insert(0, str(ROOT / "scripts"))
 
-from timings.measure import Limits
 from timings.report import (
-    amdahl,
-    read_batches,
     read_machines,
-    roofline,
     serial_share,
-    write_figure,
-    write_report,
 )
 from timings.results import Results
-from timings.stages import PARTS, find_stage, stage_times
-from timings.whole_tables import papers, table_3
+from timings.stages import find_stage, stage_times
+from timings.whole_tables import papers
 
 from apf.body.toml import load_body
 from apf.filters.config import FilterConfig
@@ -46,42 +40,6 @@ def arguments(folder: Path, **changes: Any) -> argparse.Namespace:
 
 def times(ms: float, n: int) -> Timing:
     return Timing(tuple(ms + 0.01 * k for k in range(n)))
-
-
-def column(kind: str, label: str, cores: int | None, ms: float, n: int) -> dict[str, Any]:
-    run = {"frames": times(ms, n), "error_mm": 25.0, "surface_voxels": 9000.0}
-    if kind == "numpy":
-        run["parts"] = {part: times(ms / 3, n) for part in ("reconstruction", "colour", "tracking")}
-    made = {"label": label, "kind": kind, "cores": cores, "setup_ms": 900.0,
-            "first_frame_ms": 2 * ms, "runs": [run] * 3}  # fmt: skip
-    if kind != "numpy":
-        made["to_pose"] = {"frames": times(ms / 2, 5), "error_mm": 26.0}
-        made["to_cloud"] = {"frames": times(ms, 5), "error_mm": 26.0}
-    return made
-
-
-def measured(folder: Path) -> Path:
-    """A folder with results as `compare_timings.py whole` writes them, of made-up times."""
-    settings = {"views": 8, "shape": (150, 150, 100), "repetitions": {"opencl": 3, "numpy": 3},
-                "filter": {"n_particles": 200, "n_layers": 10}}  # fmt: skip
-    results = Results.begin("whole", arguments(folder), settings)
-    results.environment["devices"] = [
-        {"name": "Some GPU", "platform": "CUDA", "driver": "1", "kind": "gpu", "compute_units": 9},
-        {"name": "cpu-x", "platform": "PoCL", "driver": "3", "kind": "cpu", "compute_units": 4},
-    ]
-    cpu = "cpu-x, 4 cores"
-    for kind, label, cores, ms, n in (
-        ("gpu", "Some GPU", None, 8.0, 200), ("cpu", cpu, 4, 160.0, 200),
-        ("cpu", "cpu-x, 1 core", 1, 400.0, 50), ("numpy", "NumPy, 1 thread", 1, 8000.0, 3),
-    ):  # fmt: skip
-        made = column(kind, label, cores, ms, n)
-        results.section(f"column {'NumPy' if kind == 'numpy' else label}", lambda made=made: made)
-    for label, ms in (("Some GPU", 0.5), (cpu, 10.0)):
-        stages = {stage: times(ms, 5) for names in PARTS.values() for stage in names}
-        section = {"label": label, "limits": Limits(1e11, 1e12), "stages": stages,
-                   "work": {"occupancy": (1e7, 5e8), "upload": (7e6, 0)}}  # fmt: skip
-        results.section(f"stages {label}", lambda section=section: section)
-    return folder
 
 
 def takes(folder: Path, n_gpus: int) -> None:
@@ -136,35 +94,6 @@ def test_a_file_that_is_no_results_is_told(tmp_path: Path, text: str) -> None:
     (tmp_path / "whole.json").write_text(text)
     with pytest.raises(InputError, match=r"whole\.json: .*results of compare_timings"):
         read_machines([tmp_path])
-
-
-def test_the_page_has_every_comparison_of_every_machine(tmp_path: Path) -> None:
-    measured(tmp_path / "some")
-    swarm = [{"search": "pso", "particles": n, "frames": times(n / 100, 5), "error_mm": 20.0}
-             for n in (100, 300)]  # fmt: skip
-    methods = Results.begin("methods", arguments(tmp_path / "some"), {"iterations": 10})
-    methods.section("frames Some GPU", lambda: {"label": "Some GPU", "rows": swarm})
-    methods.section("opengl frames Some GPU", lambda: 1, quick=False)
-    takes(tmp_path / "two", 2)
-    folders = [tmp_path / "some", tmp_path / "two"]
-    machines, batches = read_machines(folders), read_batches(folders)
-    assert [m.name for m in machines] == ["some"] and [m.name for m in batches] == ["two"]
-    write_report([*machines, *batches], tmp_path / "report.md")
-    text = (tmp_path / "report.md").read_text()
-    assert "84.845207" in text and "399.2868 x" in text  # Song's GPU
-    assert "| OpenCL GPU, Some GPU | 9.00 | 9.00 | 9.00 | 9.00 | 200 | 111 | 9,000 |" in text
-    streamed = "OpenCL GPU, Some GPU, streamed, without colour and download of voxels"
-    assert f"| {streamed} | 4.02 | 4.01 | 4.03 | 5 | 249 | 26.0 |" in text
-    assert "specification), streamed" not in text
-    assert "| PSO, 10 iterations | 300 | 3.02" in text
-    assert "Not measured: opengl frames Some GPU: not with --quick" in text
-    assert "## 2 x Some GPU with " in text
-    assert "| 1 GPU, 2 at once | 4 | 19.0 | 8.00 | 1.90 x | 190 % | 30.0 | 9.50 |" in text
-    rows = {row[0]: row[1] for row in table_3(machines[0].results["whole"]).rows}
-    assert rows["OpenCL CPU, 4 cores : OpenCL CPU, one core"] == "2.49 x"
-    for draw in (amdahl, roofline):
-        write_figure(draw(machines), tmp_path / "figure.svg")
-        assert (tmp_path / "figure.svg").stat().st_size > 10_000
 
 
 def test_amdahls_serial_share_is_found() -> None:

@@ -13,7 +13,6 @@ from apf.body.bodytrack import TRANSLATIONS, is_bodytrack, read_body, read_poses
 from apf.body.kinematics import posed_cones, posed_joints
 from apf.evaluation.joint_names import EVALUATED_JOINTS
 from cl import InputError
-from psfs.common.cones import cone_distances
 from psfs.sequence import Sequence
 
 H = np.pi / 2
@@ -102,17 +101,6 @@ def test_parts_lie_between_the_joints_and_have_the_radii_of_the_file(tmp_path: P
         np.testing.assert_allclose(cones[0, c, [3, 7]] * 1e3, part[:2], err_msg=str(c))
         np.testing.assert_allclose(1 / np.linalg.norm(cones[0, c, 8:11]), part[2])
         np.testing.assert_allclose(1 / np.linalg.norm(cones[0, c, 12:15]), part[3])
-
-
-def test_elliptic_torso_is_wide_along_its_own_x(tmp_path: Path) -> None:
-    truth = write_files(tmp_path, 2)
-    body = read_body(tmp_path)
-    pose = truth["poses"][1]
-    ra, _, sx, sy = truth["parts"][0]
-    P = euler(*pose[:3])
-    on_surface = pose[3:6] + np.stack([P @ [ra * sx, 0, 0], P @ [0, ra * sy, 0]])
-    torso = posed_cones(body, read_poses(tmp_path / "poses.txt"))[1, :1]
-    np.testing.assert_allclose(cone_distances(on_surface * 1e-3, torso), 0, atol=1e-9)
 
 
 def test_lengths_become_metres_and_limits_stay_open(tmp_path: Path) -> None:

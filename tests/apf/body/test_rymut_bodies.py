@@ -17,7 +17,6 @@ from apf.body.toml import load_body
 from apf.filters.method import Method
 from apf.image_objective.config import ProximityConfig
 from apf.image_objective.renderer import cone_edges
-from apf.initialisation.from_joints import fit_to_joints
 from apf.reference.image_objective.features import region
 from apf.reference.image_objective.render import flat_body
 from apf.scene import Scene
@@ -56,22 +55,6 @@ def test_halves_pose_as_the_whole_body_does(name: str) -> None:
     np.testing.assert_allclose(ours, theirs[places], atol=1e-9)
 
 
-def test_it_has_songs_degrees_of_freedom() -> None:
-    whole, song = load_body("rymut31"), load_body("song31")
-    assert sorted(whole.dof_names) == sorted(song.dof_names)
-    assert set(whole.joint_names) == set(song.joint_names)
-
-
-@pytest.mark.parametrize("name", NAMES[1:])
-def test_lengths_can_be_fitted(name: str) -> None:
-    body = load_body(name)
-    tall = body.scaled(dict.fromkeys(body.scale_groups, 1.1))
-    joints = posed_joints(tall, body.rest_pose[None])[0]
-    fitted, _, error = fit_to_joints(body, dict(zip(body.joint_names, joints, strict=True)))
-    assert error < 0.01
-    assert fitted.cones[0].radii[0] == pytest.approx(1.1 * body.cones[0].radii[0], rel=0.05)
-
-
 @dataclass(frozen=True)
 class Film:
     """A body seen by three cameras, drawn by the reference renderer."""
@@ -100,7 +83,7 @@ def rig() -> CameraRig:
     return scenes.ring(3, size=(160, 120))
 
 
-@pytest.mark.parametrize("name", NAMES[:2])  # PoCL compiles each body's kernels in 4 s
+@pytest.mark.parametrize("name", NAMES[:1])  # PoCL compiles each body's kernels in 4 s
 def test_tracked_alone(device: Device, name: str) -> None:
     """A moving body is tracked by its silhouettes and edges."""
     body = load_body(name)

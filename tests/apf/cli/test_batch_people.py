@@ -11,17 +11,12 @@ import numpy as np
 import pytest
 from helpers import tracks
 
-from apf.body.toml import save_body
-from apf.cli import batch_chunks as chunks
 from apf.cli.batch import ListedTake, make_request
-from apf.cli.batch_take import TakeJob, compare_with_truth
-from apf.cluster.task_side import TaskProgress
-from apf.formats.pose import write_pose
+from apf.cli.batch_take import compare_with_truth
 from apf.request import BatchRequest, TrackRequest
 from apf.tracking.track import Track
 from cl import InputError
 from psfs.cli.program import parse_stated
-from psfs.common.files import write_json
 
 
 def request(*words: str, part_frames: int | None = None) -> TrackRequest:
@@ -63,33 +58,3 @@ def test_each_person_has_an_error_of_their_own(tmp_path: Path) -> None:
     np.testing.assert_allclose(errors, [[0, 10], [0, 10]], atol=1e-6)
     path.unlink()
     assert compare_with_truth(everybody) == [[None, None], [None, None]]
-
-
-def test_a_take_joined_from_its_parts_took_as_long_as_all_of_them(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    given, whole = TakeJob("take", request(), Path("log")), tracks.walker(6)
-    parts = [
-        replace(given, request=given.request.replace(output=tmp_path / f"part{k}")) for k in (0, 1)
-    ]
-    save_body(tmp_path / "body.toml", whole.its_body)
-    write_pose(tmp_path / "start.txt", whole.poses[0], whole.its_body)
-    for part, rows, seconds in zip(parts, (slice(0, 4), slice(2, 6)), (1.5, 2.25), strict=True):
-        frames, poses, joints = (of[rows] for of in (whole.frames, whole.poses, whole.joints))
-        track = replace(whole, frames=frames, poses=poses, joints=joints, diagnostics={})
-        track.save(part.out / "track.npz")
-        sequence = {"absolute": str(tmp_path), "overrides": {}}
-        facts = {"sequence": sequence, "config": {}, "warnings": [], "seconds": seconds}
-        write_json(part.out / "summary.json", facts)
-    finished = []
-    session = SimpleNamespace(sequence=None)
-    examined = SimpleNamespace(session=session), given.request, []
-    monkeypatch.setattr(chunks, "_examine", lambda *_: examined)
-    monkeypatch.setattr(chunks, "write_tracks", lambda *_: None)
-    monkeypatch.setattr(chunks, "finish_take", lambda job, _, take, opened: finished.append(take))
-    monkeypatch.setattr(
-        chunks, "write_take", lambda _, job, write, **facts: write(job.request, None)
-    )
-    chunks.join_chunks(TaskProgress(), replace(given, log=tmp_path / "log"), parts)
-    assert finished[0].seconds == 3.75
-    np.testing.assert_array_equal(finished[0].tracks[0].poses, whole.poses)

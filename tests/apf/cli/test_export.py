@@ -18,7 +18,6 @@ from apf.formats.trc import read_trc
 from apf.tracking.motion_files import EXPORTS
 from apf.tracking.smoothing import SmoothingConfig, smooth_track
 from apf.tracking.track import Track
-from cl import InputError
 
 
 def test_all_of_it(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
@@ -106,20 +105,3 @@ def test_tracks_of_before_hold_no_body_but_have_it_beside_them(tmp_path: Path) -
     save_body(tmp_path / "body.toml", SONG)
     assert Track.open(tmp_path).its_body.name == "song31"
     assert main(["export", str(tmp_path), "--to", "bvh"]) == 0
-
-
-def test_what_is_wrong_is_said_in_a_line(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    replace(strider(20), body=None).save(tmp_path / "track.npz")
-    (tmp_path / "file").write_text("")
-    strider(20).save(tmp_path / "whole.npz")
-    for wrong, said in (
-        ([str(tmp_path)], "expected body.toml"),
-        ([str(tmp_path / "nowhere")], "no such file"),
-        ([str(tmp_path), "--cutoff", "0"], "expected"),
-        ([str(tmp_path / "whole.npz"), "-o", str(tmp_path / "file")], "is a file"),
-    ):
-        assert main(["export", *wrong]) == 2
-        lines = capfd.readouterr().err.strip().splitlines()
-        assert len(lines) == 1 and said in lines[0], lines
-    with pytest.raises(InputError, match="not exported as 'fbx'; expected bvh"):
-        apf.export(strider(5), tmp_path, ["fbx"])

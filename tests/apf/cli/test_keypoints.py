@@ -16,7 +16,6 @@ from helpers.shared import shared_data
 
 import psfs
 from apf.cli import main
-from apf.keypoints.estimation import update_crop
 from apf.keypoints.keypoints import Keypoints
 from apf.keypoints.readers.orders import MEDIAPIPE
 from psfs.common.outputs import output_folder
@@ -212,26 +211,6 @@ def test_without_the_extra_one_line(
     assert main(["keypoints", str(folder), "-o", str(tmp_path / "pose")]) == 2
     said = capsys.readouterr().err
     assert message in said and said.count("\n") == 1 and not (tmp_path / "pose").exists()
-
-
-def test_the_crop_stays_while_the_person_fits() -> None:
-    def shown(left: int, top: int, width: int, height: int) -> np.ndarray:
-        silhouette = np.zeros((480, 640), bool)
-        silhouette[top : top + height, left : left + width] = True
-        silhouette[5, 600] = True  # speckle
-        return silhouette
-
-    first = update_crop(shown(300, 200, 40, 100), None)
-    assert first is not None and first.tolist() == [250, 150, 390, 350]
-    assert update_crop(shown(270, 200, 40, 100), first) is first
-    moved = update_crop(shown(255, 200, 40, 100), first)
-    assert moved is not first and moved is not None and moved.tolist() == [205, 150, 345, 350]
-    tiny = update_crop(shown(300, 240, 10, 20), first)
-    assert tiny is not first and tiny is not None and (tiny[2:] - tiny[:2]).max() < 60
-    corner = update_crop(shown(0, 400, 40, 80), None)
-    assert corner is not None and corner.tolist() == [0, 360, 80, 480]
-    assert update_crop(shown(0, 400, 40, 80), corner) is corner
-    assert update_crop(np.zeros((480, 640), bool), first) is None
 
 
 @pytest.mark.skipif(find_spec("mediapipe") is None, reason="needs the extra keypoints")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 import shutil
 from collections.abc import Iterable, Iterator
 from pathlib import Path
@@ -103,80 +102,8 @@ def test_interrupted(walk: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     assert Track.open(tmp_path / "out").frames.tolist() == [0, 1]
 
 
-def test_interrupted_while_tracking_back(
-    walk: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """All frames are there, and every file says that the last ones lack the backward pass."""
-
-    def interrupt(*_: object) -> None:
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(apf.tracking.two_way, "_fuse_window", interrupt)
-    out = tmp_path / "out"
-    assert track(walk, out, "--no-overlay", "--frames", "0:4") == 130
-    assert "the last ones by the forward pass alone" in " ".join(capsys.readouterr().err.split())
-    assert json.loads((out / "summary.json").read_text())["complete"] is False
-    assert main(["report", str(out)]) == 0
-    assert "it was interrupted" in " ".join(capsys.readouterr().out.split())
-
-
-def without_first_video(folder: Path) -> None:
-    (folder / "videos" / "cam01.mp4").unlink()
-
-
-def cut_video(folder: Path) -> None:
-    path = folder / "videos" / "cam02.mp4"
-    path.write_bytes(path.read_bytes()[:2000])
-
-
-def all_background(folder: Path) -> None:
-    shutil.rmtree(folder / "videos")
-    shutil.copytree(folder / "background", folder / "videos")
-
-
-@pytest.mark.parametrize("damage", [without_first_video, cut_video, all_background])
-def test_bad_sequences(
-    damage: object, walk: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
-    folder = tmp_path / "walk"
-    shutil.copytree(walk, folder)
-    damage(folder)  # type: ignore[operator]
-    complains(folder, tmp_path / "out", capfd)
-
-
-@pytest.mark.parametrize(
-    "more",
-    [
-        ["--init", "absent.npz"],
-        ["--init", "{tmp}/short.txt"],
-        ["--init", "{tmp}/words.txt"],
-        ["--body", "nobody"],
-        ["--body", "{tmp}/short.txt"],
-        ["--particles", "1"],
-        ["--layers", "0"],
-        ["--likelihood", "edge,smell"],
-        ["--likelihood", "edge", "--objective", "sp"],
-        ["--noise", "-1"],
-        ["--frames", "90:99"],
-        ["--voxel-size", "0"],
-        ["--voxel-size", "0.0002"],  # more than there is memory for
-        ["--device", "abacus"],
-        ["--cameras", "cam01,cam99"],
-        ["--height", "178"],
-        ["--seeds", "0"],
-    ],
-)
-def test_bad_flags(
-    more: list[str], walk: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
-    (tmp_path / "short.txt").write_text("1 2 3")
-    (tmp_path / "words.txt").write_text("one two")
-    complains(walk, tmp_path / "out", capfd, *(word.format(tmp=tmp_path) for word in more))
-
-
 def test_nothing_but_the_folder(walk: Path, tmp_path: Path) -> None:
-    """Started by itself; what it found can be given again, and gives about the same track (a given
-    body is not fitted to the outlines once more)."""
+    """Started by itself."""
     few = ["--frames", "0:4", "--particles", "60", "--layers", "5", "--voxel-size", "0.03"]
     plain = [*few, "--no-overlay", "--no-report", "-o"]
     assert main(["track", str(walk), *plain, str(tmp_path / "a")]) == 0
@@ -185,18 +112,6 @@ def test_nothing_but_the_folder(walk: Path, tmp_path: Path) -> None:
         mine = found.joints[:, found.joint_names.index(name)]
         theirs = truth.joints[:4, truth.joint_names.index(name)]
         assert np.linalg.norm(mine - theirs, axis=1).mean() < 0.1, name
-    again = ["--body", str(tmp_path / "a/body.toml"), "--init", str(tmp_path / "a/start.txt")]
-    assert main(["track", str(walk), *plain, str(tmp_path / "b"), *again]) == 0
-    first, second = (Track.open(tmp_path / name) for name in "ab")
-    assert np.linalg.norm(second.joints - first.joints, axis=-1).mean() < 0.03
-
-
-def complains(folder: Path, out: Path, capfd: pytest.CaptureFixture[str], *more: str) -> None:
-    """One line on standard error, exit code 2, and nothing written."""
-    assert track(folder, out, *more) == 2
-    lines = capfd.readouterr().err.strip().splitlines()
-    assert len(lines) == 1 and re.match("apf( track)?: error: ", lines[0]), lines
-    assert not out.exists()
 
 
 def test_a_body_of_frusta_and_a_mesh_of_the_person(

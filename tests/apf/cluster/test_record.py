@@ -8,7 +8,6 @@ from pathlib import Path
 import pytest
 
 from apf.cluster.record import TakeRecord, describe_files, list_files
-from cl import InputError
 
 
 @pytest.fixture
@@ -84,8 +83,3 @@ def test_no_record(text: str, tmp_path: Path) -> None:
     assert TakeRecord.read(tmp_path) is None
     (tmp_path / "take.json").write_text(text)
     assert TakeRecord.read(tmp_path) is None
-
-
-def test_no_folder(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="absent: no such folder"):
-        TakeRecord.describe_take(tmp_path / "absent", {})

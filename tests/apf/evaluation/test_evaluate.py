@@ -183,65 +183,6 @@ def test_command_writes_table_csv_plot_and_json(folder: Path, truth: str, capsys
     assert picture.std() > 10
 
 
-def test_command_writes_only_what_is_chosen(folder: Path) -> None:
-    track = str(folder / "out" / "track.npz")
-    args = ["evaluate", track, "--truth", str(folder / "truth.npz"), "--csv", "-o"]
-    assert main([*args, str(folder / "elsewhere")]) == 0
-    written = sorted(p.name for p in (folder / "elsewhere").iterdir())
-    assert written == ["evaluation.csv", "manifest.txt"]
-    assert [p.name for p in (folder / "out").iterdir()] == ["track.npz"]
-
-
-@pytest.mark.parametrize(
-    ("track", "truth", "extra", "message"),
-    [
-        ("nothing", "truth.npz", {}, "nothing: no such file"),
-        ("out", "nothing.npz", {}, "nothing.npz: no such file"),
-        ("out", "nothing.trc", {}, "nothing.trc: no such file"),
-        ("truth.trc", "truth.npz", {}, "truth.trc: damaged or of another kind"),
-        ("truth.npz", "truth.npz", {}, "lacks body_name"),
-        ("out", "bad.npz", {"joint_names": ["a"]}, "lacks joints, fps"),
-        (
-            "out",
-            "bad.npz",
-            {"joint_names": ["a"], "joints": [1.0], "fps": 60},
-            "expected (frames, joints of one person, 3)",
-        ),
-        (
-            "out",
-            "bad.npz",
-            {"joint_names": ["a"], "joints": [[["x"] * 3]], "fps": 60},
-            "joints is <U1",
-        ),
-        ("out", "bad.npz", {"joint_names": ["a"], "joints": np.ones((1, 1, 3)), "fps": 0}, "fps"),
-        (
-            "out",
-            "bad.npz",
-            {"joint_names": ["a"], "joints": np.ones((1, 1, 3)), "fps": 60, "frames": [0, 1]},
-            "frames has the shape (2,); expected (1)",
-        ),
-        (
-            "out",
-            "bad.npz",
-            {"joint_names": ["nose"], "joints": np.ones((1, 1, 3)), "fps": 60},
-            "no joint in common",
-        ),
-    ],
-)
-def test_bad_input_is_one_line_and_exit_code_2(
-    folder: Path, track: str, truth: str, extra: dict, message: str, capsys
-) -> None:
-    if extra:
-        np.savez(folder / truth, **extra)
-    assert main(["evaluate", str(folder / track), "--truth", str(folder / truth)]) == 2
-    captured = capsys.readouterr()
-    assert captured.err.startswith("apf: error: ")
-    assert message in captured.err
-    assert captured.err.count("\n") == 1
-    assert captured.out == ""
-    assert [p.name for p in (folder / "out").iterdir()] == ["track.npz"]
-
-
 def test_the_stated_ellipsoids_are_judged() -> None:
     track = tracks.walker()
     truth = tracks.truth_of(track)

@@ -21,7 +21,7 @@ from apf.reference.filters.sir import NumpySirParticleFilter
 from apf.reference.filters.swarm import NumpyParticleSwarm, stop_at_limits, uniform_pairs
 from apf.reference.likelihood.base import NumpyLikelihood
 from apf.scene import Scene
-from cl import Array, Device, InputError, NumpyDevice
+from cl import Array, Device, NumpyDevice
 
 
 class Distance(Likelihood, NumpyLikelihood):
@@ -183,17 +183,6 @@ def test_runs_repeat_and_seeds_differ(device: Device, search: str) -> None:
 
 
 @pytest.mark.parametrize("search", SEARCHES)
-def test_started_again_it_forgets(device: Device, search: str) -> None:
-    config = config_of(search, velocity=0.5)
-    tracker = SEARCHES[search][0](scene_on(device), Distance(device, SONG, 65), config)
-    poses = []
-    for _ in range(2):
-        tracker.start(SONG.rest_pose)
-        poses.append([tracker.step(target).pose for target in moving(3)])
-    np.testing.assert_array_equal(*poses)
-
-
-@pytest.mark.parametrize("search", SEARCHES)
 def test_limits_hold(device: Device, search: str) -> None:
     """A pose beyond the limits draws the particles to them, and not beyond."""
     config = config_of(search, n_layers=8 if search == "pso" else 1)
@@ -225,13 +214,3 @@ def test_the_swarms_factors(device: Device) -> None:
     odd = SwarmConfig(inertia=0.3, cognitive=0.5, social=2.5)
     found, expected = (run("pso", d, config_of("pso"), 1, odd)[0][0] for d in (device, None))
     np.testing.assert_allclose(found.pose, expected.pose, atol=0.02 * SONG.sigma.max())
-
-
-def test_bad_settings() -> None:
-    for wrong in ({"inertia": 1.0}, {"social": -1.0}, {"cognitive": np.inf}):
-        with pytest.raises(InputError, match="expected"):
-            SwarmConfig(**wrong)
-    with pytest.raises(InputError, match="expected"):
-        SirConfig(sigma_z=-1)
-    with pytest.raises(InputError, match="expected 1"):
-        NumpySirParticleFilter(scene_on(NumpyDevice()), None, FilterConfig.create(n_layers=2))

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import importlib.util
 import xml.etree.ElementTree as ElementTree
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers import tracks
 from helpers.opensim import write_model
 from helpers.striders import strider
 
@@ -106,20 +104,3 @@ def test_inverse_kinematics_by_opensim(tmp_path: Path) -> None:
     ours = opensim_coordinates(smooth.its_body, smooth.poses)["knee_angle_r"]
     found = table[:, lines[head].split().index("knee_angle_r")]
     assert np.abs(found - ours).max() < 4
-
-
-def test_opensim_reads_every_row(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """With the person lost, also in the last frames."""
-    monkeypatch.chdir(tmp_path)  # it writes a log
-    opensim = pytest.importorskip("opensim", reason="reads the files with OpenSim's own classes")
-    track = tracks.walker()
-    lost = np.arange(len(track)) >= len(track) - 2
-    lost[3:6] = True
-    replace(track, diagnostics={**track.diagnostics, "lost": lost}).save(tmp_path / "a.mot")
-    replace(track, diagnostics={**track.diagnostics, "lost": lost}).save(tmp_path / "a.trc")
-    for table in (opensim.Storage, opensim.TimeSeriesTable):
-        read = table(str(tmp_path / "a.mot"))
-        assert (read.getSize() if table is opensim.Storage else read.getNumRows()) == len(track)
-    assert opensim.Storage(str(tmp_path / "a.mot")).getLastTime() == pytest.approx(track.times[-1])
-    assert opensim.TimeSeriesTableVec3(str(tmp_path / "a.trc")).getNumRows() == len(track)
-    assert opensim.MarkerData(str(tmp_path / "a.trc")).getNumFrames() == len(track)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import os
 from dataclasses import replace
 from pathlib import Path
 
@@ -19,7 +18,6 @@ from apf.body.toml import load_body
 from apf.formats.angles import opensim_coordinates, write_angle_csv
 from apf.formats.c3d import C3dEvent, write_c3d
 from apf.formats.trc import JointSeries, read_trc
-from apf.tracking.smoothing import smooth_track
 from apf.tracking.track import Track
 from cl import InputError
 
@@ -87,12 +85,6 @@ def test_c3d_of_as_many_frames_as_its_header_counts(tmp_path: Path) -> None:
     names = tuple(f"p{number}" for number in range(256))
     with pytest.raises(InputError, match="256 points cannot be written; expected at most 255"):
         write_c3d(tmp_path / "c.c3d", JointSeries(names, np.zeros((2, 256, 3)), 9.0, np.arange(2)))
-
-
-def test_c3d_under_a_name_that_is_no_text(tmp_path: Path) -> None:
-    path = tmp_path / os.fsdecode(b"\xff.c3d")
-    walk().save(path)
-    assert path.stat().st_size > 1000
 
 
 def test_c3d_has_a_frame_for_each_that_was_left_out(tmp_path: Path) -> None:
@@ -195,12 +187,3 @@ def test_points_of_a_track_without_its_body(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="does not hold its body"):
         _ = track.angles
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.trc"]
-
-
-def test_what_the_files_say_of_themselves(tmp_path: Path) -> None:
-    for track, said in ((strider(10), "not smoothed"), (smooth_track(strider(10)), "smoothed")):
-        track.save(tmp_path / "a.c3d")
-        remark = ezc3d.c3d(str(tmp_path / "a.c3d"))["parameters"]["MANUFACTURER"]["REMARK"]
-        assert remark["value"][0].endswith(said) and "song31" in remark["value"][0]
-        track.save(tmp_path / "a.mot")
-        assert said in (tmp_path / "a.mot").read_text().split("endheader")[0]

@@ -9,7 +9,6 @@ import pytest
 from helpers.shared import shared_data
 
 from apf.formats.trc import JointSeries, read_trc, write_trc
-from cl import InputError
 
 
 def test_layout_is_what_opensim_reads(tmp_path: Path) -> None:
@@ -70,37 +69,6 @@ def test_frames_counted_from_zero_and_short_rows(tmp_path: Path) -> None:
     np.testing.assert_array_equal(series.frames, [0, 1])
     assert np.isnan(series.joints[0, 1]).all()
     assert np.isnan(series.joints[1, 0]).any()
-
-
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("", "not a TRC file"),
-        ("hello\n" * 9, "not a TRC file"),
-        (trc(""), "no frame"),
-        (trc("1\t0\t1\t2\t3\t4\t5\tx\n"), "line 7.*'x'"),
-        (trc("1\t0\t1\t2\t3\t4\t5\t6\t7\n"), "line 7 has 9 values; expected 8"),
-        (trc("nan\t0\t1\t2\t3\t4\t5\t6\n"), "Frame#"),
-        (trc("1\t0\n", unit="inch"), "Units is 'inch'"),
-        (trc("1\t0\n").replace("60.0", "-1"), "CameraRate is '-1'"),
-        (trc("1\t0\n").replace("RHip", "").replace("Neck", ""), "names no marker"),
-    ],
-)
-def test_bad_files(tmp_path: Path, text: str, message: str) -> None:
-    path = tmp_path / "a.trc"
-    path.write_text(text)
-    with pytest.raises(InputError, match=message) as error:
-        read_trc(path)
-    assert str(path) in str(error.value)
-    assert "\n" not in str(error.value)
-
-
-def test_missing_and_binary_files(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="no such file"):
-        read_trc(tmp_path / "none.trc")
-    (tmp_path / "a.trc").write_bytes(bytes(range(256)))
-    with pytest.raises(InputError, match="not a text file"):
-        read_trc(tmp_path / "a.trc")
 
 
 @pytest.mark.parametrize("kind", ["", "_filt_butterworth_LSTM"])

@@ -10,7 +10,7 @@ from helpers import scenes
 from apf.image_objective.config import FeatureConfig, ProximityConfig
 from apf.image_objective.features import Features, distance_launch
 from apf.reference.image_objective.features import NumpyFeatures, region, sobel_edges
-from cl import Device, InputError, NumpyDevice
+from cl import Device, NumpyDevice
 from psfs.background.gaussian import Background
 from psfs.reference.reprojection import proximity
 
@@ -176,19 +176,3 @@ def test_proximity_tables() -> None:
     expected = [1, 1, 0.5 + 0.5 * np.exp(-2.5), 0.5 + 0.5 * np.exp(-5 * 89 / 90), 0]
     np.testing.assert_allclose(values(function="exponential", span=0.5), expected, atol=0.003)
     assert ProximityConfig(function="impulse").table(rig).tolist() == [255, 0]
-
-
-def test_bad_settings_and_frames(device: Device) -> None:
-    for wrong in (
-        {"edges": "laplace"},
-        {"threshold": 0},
-        {"dilation": -1},
-    ):
-        with pytest.raises(InputError, match="expected"):
-            FeatureConfig(**wrong)  # type: ignore[arg-type]
-    for odd in ({"function": "linear"}, {"nearest": 30}):
-        with pytest.raises(InputError, match="expected"):
-            ProximityConfig(**odd)  # type: ignore[arg-type]
-    rig = scenes.ring(1)
-    with pytest.raises(InputError, match="frame 0 has no pictures"):
-        Features(device, rig, None)(scenes.frame(masks=scenes.masks_of(rig)))

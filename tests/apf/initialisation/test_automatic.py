@@ -21,12 +21,7 @@ from apf.initialisation.config import (
 )
 from apf.initialisation.hypotheses import (
     Hypothesis,
-    forward,
     registration_error,
-    select_close,
-    select_distinct,
-    standing_pose,
-    walking_factor,
 )
 from apf.initialisation.kept_voxels import StoredVoxels, select_person_points
 from apf.initialisation.shape_fit import Cloud, fit_shape
@@ -56,16 +51,6 @@ def walking(body: BodyModel, n: int, seed: int = 3) -> np.ndarray:
     for name in ("l_upper_arm.rx", "r_upper_arm.rx"):
         poses[:, body.dof_names.index(name)] = 0.35
     return poses
-
-
-def test_growths_are_the_derivatives_by_the_scales() -> None:
-    model = ShapeModel(SONG)
-    shape, poses = np.random.default_rng(1).normal(0, 0.1, len(model.deviation)), walking(SONG, 2)
-    grown = [[model.body(shape + d) for d in (step, -step)] for step in 1e-5 * np.eye(len(shape))]
-    expected = [posed_cones(a, poses) - posed_cones(b, poses) for a, b in grown]
-    body = model.body(shape)
-    found = model.growths(body, poses, posed_cones(body, poses))
-    np.testing.assert_allclose(found, np.stack(expected, 1)[..., :8] / 2e-5, atol=1e-8)
 
 
 def test_fit_finds_size_lengths_and_girth() -> None:
@@ -118,15 +103,6 @@ def test_feet_that_silhouettes_lost_stand_on_the_floor() -> None:
     assert statures[0.0] < height - 0.02
 
 
-def test_nobody_stands_on_a_floor_far_below() -> None:
-    points = surface(SONG, SONG.rest_pose)
-    lowest = points[:, 2].min()
-    for above, stands in ((0.0, True), (0.25, True), (0.5, False), (-0.5, False)):
-        cloud = Cloud(points + np.array([0, 0, above - lowest]))
-        assert cloud.on_floor == stands
-        assert (cloud.heights[0] == 0.0) == stands
-
-
 def test_registration_error_knows_front_and_back_and_contortions() -> None:
     pose = walking(SONG, 1)[0]
     cloud = Cloud(surface(SONG, pose))
@@ -138,36 +114,6 @@ def test_registration_error_knows_front_and_back_and_contortions() -> None:
     assert good < 0.1
     assert registration_error(SONG, turned, cloud) > good + 0.05
     assert registration_error(SONG, lost_arm, cloud) > good + 0.03
-
-
-def test_hypotheses_that_go_on_look_in_different_directions() -> None:
-    def looking(degrees: float, badly: float) -> Hypothesis:
-        pose = SONG.rest_pose.copy()
-        pose[SONG.dof_names.index("pelvis.rz")] = np.radians(degrees)
-        return Hypothesis(np.zeros(1), pose, badly, 1.0, badly)
-
-    every = [looking(a, b) for a, b in ((0, 3), (20, 1), (190, 4), (150, 2), (250, 5))]
-    assert [h.cost for h in select_distinct(SONG, every, 3, 0.8)] == [1, 2, 5]
-    assert [h.cost for h in select_distinct(SONG, every, 2, 0.8)] == [1, 2]
-    near = [looking(0, 10), looking(90, 11.9), looking(180, 12.1)]
-    assert [h.cost for h in select_close(near, 1.2)] == [10, 11.9]
-    np.testing.assert_allclose(forward(SONG, looking(90, 0).pose), [0, 1], atol=1e-12)
-
-
-def test_people_look_where_they_go() -> None:
-    pose = SONG.rest_pose[None]  # looks along x
-    factors = [walking_factor(SONG, pose, np.array(way)) for way in ((0.5, 0), (0, 0.5), (-0.5, 0))]
-    assert pytest.approx(factors[0]) == 1 and factors[0] < factors[1] < factors[2]
-    assert walking_factor(SONG, pose, np.array([-0.1, 0.0])) == 1
-
-
-def test_standing_on_the_floor() -> None:
-    pose = SONG.rest_pose.copy()
-    pose[:3] += [2.0, -1.0, 0.6]
-    points = surface(SONG, pose)
-    stood = standing_pose(SONG, Cloud(points), np.pi / 3)
-    np.testing.assert_allclose(stood[:3], pose[:3], atol=0.06)
-    np.testing.assert_allclose(forward(SONG, stood), [0.5, np.sqrt(0.75)], atol=1e-9)
 
 
 def test_what_speaks_against_a_start() -> None:

@@ -9,8 +9,7 @@ import pytest
 from helpers import bodies, scenes
 from helpers.keypoints import of_poses
 
-from apf.body.jacobian import bone_point_jacobian
-from apf.body.kinematics import bone_matrices, posed_joints
+from apf.body.kinematics import posed_joints
 from apf.body.model import BodyModel
 from apf.body.stature import stature
 from apf.body.toml import load_body
@@ -125,22 +124,6 @@ def test_observations_are_those_of_the_frame() -> None:
     np.testing.assert_allclose(
         seen.pixel[row], found.keypoints.points[:, 2, own.columns[own.names.index("l_knee")], :2]
     )
-
-
-def test_points_move_as_their_derivatives_say() -> None:
-    body = bodies.named("stick")
-    poses = bodies.random_poses(body, 3, wild=True)
-    bone = np.array([0, 1, 2, 1])
-    local = np.random.default_rng(0).normal(size=(4, 3))
-
-    def placed(of: np.ndarray) -> np.ndarray:
-        rotations, origins = bone_matrices(body, of)
-        return origins[:, bone] + np.einsum("mpij,pj->mpi", rotations[:, bone], local)
-
-    found = bone_point_jacobian(body, poses, bone, placed(poses))
-    for dof, step in enumerate(1e-6 * np.eye(body.n_dof)):
-        slope = (placed(poses + step) - placed(poses - step)) / 2e-6
-        np.testing.assert_allclose(found[:, :, dof], slope, atol=1e-6)
 
 
 def test_the_pose_of_one_frame() -> None:

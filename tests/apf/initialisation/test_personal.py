@@ -15,7 +15,6 @@ from apf.initialisation.personal import (
     PersonalShape,
     find_outlines,
 )
-from apf.initialisation.shape_model import nearest_coordinates, place_points, surface_samples
 from apf.tracking.uncertainty import is_inside_ellipsoid
 from psfs.cameras.camera import CameraRig
 from psfs.common.cones import ray_cone_distances
@@ -111,21 +110,6 @@ def test_growths_are_derivatives_of_the_cones() -> None:
         after, before = (posed_cones(shape.body(measures + s * move), poses) for s in (1, -1))
         expected = (after - before)[..., :8] / (2 * step)
         np.testing.assert_allclose(found[:, number], expected, atol=1e-4)
-
-
-def test_surfaces_mirror_each_other() -> None:
-    shape, mirror = PersonalShape(SONG), np.array([1.0, -1.0, 1.0])
-    cones = posed_cones(SONG, np.clip(np.zeros((1, SONG.n_dof)), SONG.lower, SONG.upper))[0]
-    cone, coordinates = surface_samples(SONG, 0.08)
-    here = place_points(cones[cone], coordinates)
-    names = SONG.cone_names
-    swapped = {"l_": "r_", "r_": "l_"}
-    twins = [names.index(swapped.get(name[:2], name[:2]) + name[2:]) for name in names]
-    other = np.array(twins)[cone]
-    turned = nearest_coordinates(here * mirror, cones[other])
-    np.testing.assert_allclose(place_points(cones[other], turned), here * mirror, atol=1e-6)
-    left, right = shape.bulges(cone, coordinates), shape.bulges(other, turned)
-    np.testing.assert_allclose(left, right, atol=1e-9)
 
 
 def test_soles_stay_on_the_floor() -> None:

@@ -64,12 +64,3 @@ def test_a_longer_look_that_agrees_or_knows_less_changes_nothing(
     for again in (start(0.3, 1.2), start(np.pi, 1.01), None):
         assert decided(monkeypatch, first, again) == (first, 2)
     assert decided(monkeypatch, replace(first, rival=1.0), start(2.5, 1.1))[0].rival == 1.1
-
-
-def test_a_take_that_ends_before_a_longer_look_is_not_looked_at_again(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """Every second frame of 60 in a second: 40 of them hold no more than 10 fitted ones."""
-    first, again = start(0.0, 1.04), start(np.pi, 1.2)
-    assert decided(monkeypatch, first, again, 40) == (first, 1)
-    assert decided(monkeypatch, first, again, 41) == (again, 2)

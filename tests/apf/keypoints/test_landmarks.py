@@ -59,14 +59,6 @@ def test_points_lie_where_the_body_has_them() -> None:
         np.testing.assert_allclose(own * [1, -1, 1], other, atol=1e-9)
 
 
-def test_lengths_grow_with_the_body() -> None:
-    body = load_body("song31")
-    small = body.scaled(dict.fromkeys(body.scale_groups, 0.5), 0.5)
-    on, half = locate_points(body, orders.COCO_17), locate_points(small, orders.COCO_17)
-    np.testing.assert_allclose(half.offsets, on.offsets / 2, atol=1e-9)
-    np.testing.assert_allclose(half.spreads, on.spreads / 2)
-
-
 def test_a_body_whose_arms_point_backwards_at_zero_has_its_hands_beyond_the_wrists() -> None:
     body = read_body(shared_data("bodytrack_walk"))
     poses = np.random.default_rng(1).normal(body.rest_pose, 0.2, (4, body.n_dof))
@@ -83,17 +75,6 @@ def test_a_body_whose_arms_point_backwards_at_zero_has_its_hands_beyond_the_wris
         along = (wrist - elbow) / np.linalg.norm(wrist - elbow, axis=-1, keepdims=True)
         beyond = ((places[f"{side}_index"] - wrist) * along).sum(-1)
         assert beyond.min() > 0.05
-
-
-def test_parts_of_bodies_have_fewer_points() -> None:
-    upper = locate_points(load_body("rymut31_upper"), orders.BODY_25)
-    lower = locate_points(load_body("rymut31_lower"), orders.BODY_25)
-    assert not any("knee" in name or "toe" in name for name in upper.names)
-    assert not any("elbow" in name or "nose" in name for name in lower.names)
-    for on in (upper, lower):
-        assert "pelvis" in on.names and on.partners[on.names.index("pelvis")] == on.names.index(
-            "pelvis"
-        )
 
 
 def test_names_that_are_none_and_bad_tables_are_errors(tmp_path: Path) -> None:

@@ -193,14 +193,6 @@ def test_frames_that_begin_later_are_placed_by_their_numbers(tmp_path: Path) -> 
     assert any("of frames 8 to 13 alone" in note for note in read.notes)
 
 
-def test_names_with_brackets_are_no_patterns(tmp_path: Path) -> None:
-    written = walked(names=BODY_25)
-    write(tmp_path / "walk [1]" / "json", next(iter(LAYOUTS)), written)
-    np.save(tmp_path / "points[2].npy", written.points)
-    for given in ("walk [1]/json", "walk [1]/js*", "points[2].npy"):
-        same(Keypoints.open(tmp_path / given, RIG), written)
-
-
 def test_opencaps_pickles_are_read_and_nothing_in_them_is_run(tmp_path: Path) -> None:
     written = walked(names=BODY_25)
     session = tmp_path / "OpenCapData"
@@ -275,48 +267,6 @@ def test_without_cameras_the_surer_person_is_followed(tmp_path: Path) -> None:
     people = Keypoints(unsure, MEDIAPIPE, other.camera_names)
     read = Keypoints.open(write(tmp_path, "openpose", people, subject), subject.camera_names)
     np.testing.assert_array_equal(read.points, subject.points)
-
-
-def test_bad_json_is_one_clear_error(tmp_path: Path) -> None:
-    good = walked()
-    for number, (text, message) in enumerate(
-        (
-            ("{", "malformed JSON"),
-            ('{"persons": []}', "lacks the list people"),
-            ('{"people": [7]}', "not a list x, y, confidence"),
-            ('{"people": [{"pose_keypoints_2d": [1, 2]}]}', "found 2 values"),
-            ('{"people": [{"pose_keypoints_2d": [1, 2, "x"]}]}', "found 3 values"),
-            ('{"people": [{"pose_keypoints_2d": [1, 2, 0.5]}]}', "1, 33 keypoints; expected the"),
-            ('{"people": [{"pose_keypoints_2d": [1, 2, 50]}]}', "1, 33 keypoints"),
-        )
-    ):
-        folder = write(tmp_path / str(number), "pose2sim", good)
-        path = folder / LAYOUTS["pose2sim"]("c2", 4)
-        path.write_text(text)
-        with pytest.raises(apf.InputError, match=message) as error:
-            Keypoints.open(folder, RIG)
-        assert str(folder) in str(error.value) and "\n" not in str(error.value)
-    with pytest.raises(apf.InputError, match="name its folder"):
-        Keypoints.open(path, RIG)
-    path.write_text(json.dumps({"people": [person(np.ones((33, 3)) * 9)]}))
-    with pytest.raises(apf.InputError, match=r"camera c2_json/c2: confidences go from .* to 9"):
-        Keypoints.open(folder, RIG)
-    (folder / LAYOUTS["pose2sim"]("c2", 4)).unlink()
-    (folder / LAYOUTS["pose2sim"]("c2", 5)).unlink()
-    with pytest.raises(apf.InputError, match="numbers of frames differ: c0 6, c1 6, c2 4, c3 6"):
-        Keypoints.open(folder, RIG)
-    again = folder / "pose" / "c0_json" / "c0_0.json"
-    again.write_text('{"people": []}')
-    with pytest.raises(apf.InputError, match="one file a frame"):
-        Keypoints.open(folder, RIG)
-    again.rename(again.with_name("c0_99999999.json"))
-    with pytest.raises(apf.InputError, match="expected numbers that follow each other"):
-        Keypoints.open(folder, RIG)
-    nobody = write(tmp_path / "nobody", "openpose", good)
-    for path in nobody.rglob("*.json"):
-        path.write_text('{"people": []}')
-    with pytest.raises(apf.InputError, match="no person was found in any frame"):
-        Keypoints.open(nobody, RIG)
 
 
 def table(points: np.ndarray, names: tuple[str, ...], individuals: bool = False) -> list[list[Any]]:

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 from helpers import scenes
 from helpers.keypoints import of_poses, world_points
 
-import apf
 from apf.body.toml import load_body
 from apf.keypoints.keypoints import TriangulationConfig, triangulate
 from apf.keypoints.readers.orders import MEDIAPIPE
@@ -41,17 +39,6 @@ def test_wrong_cameras_are_left_out() -> None:
     assert kept.used.all() and np.linalg.norm(kept.points - TRUTH, axis=-1)[0, 5] > 0.1
 
 
-def test_confidence_weighs() -> None:
-    points = seen()
-    points[0, :, :, :2] += 6
-    points[..., 2] = 1
-    equal = triangulate(RIG, points)
-    points[0, :, :, 2] = 0.2
-    less = triangulate(RIG, points)
-    off = [np.linalg.norm(found.points - TRUTH, axis=-1).mean() for found in (equal, less)]
-    assert off[1] < 0.2 * off[0]
-
-
 def test_too_few_or_disagreeing_cameras_give_no_point() -> None:
     points = seen()
     points[1:, 0, 0] = np.nan
@@ -77,9 +64,3 @@ def test_a_point_behind_a_camera_does_not_count() -> None:
         local = own.K @ (own.R @ behind + own.t)
         pixels[view, 0, :2] = local[:2] / local[2]
     assert np.isnan(triangulate(rig, pixels).points).all()
-
-
-def test_settings_are_checked() -> None:
-    for bad in ({"max_error": 0}, {"min_confidence": 2}, {"min_cameras": 1}):
-        with pytest.raises(apf.InputError, match=next(iter(bad))):
-            TriangulationConfig(**bad)

@@ -22,7 +22,7 @@ from apf.likelihood.observations import (
 )
 from apf.reference.likelihood.keypoints import NumpyKeypointLikelihood, missed_shares
 from apf.scene import Scene
-from cl import Device, InputError
+from cl import Device
 
 SONG = load_body("song31")
 CONFIG, POSTURE = KeypointConfig(weight=3.0), 0.02
@@ -153,23 +153,3 @@ class _Constant(Likelihood):
 
     def launcher(self, poses: object) -> list[object]:
         return []
-
-
-def test_impossible_observations(device: Device) -> None:
-    rig, pose = scenes.ring(2), bodies.random_poses(SONG, 1)[0]
-    seen = seen_points(SONG, pose, rig, 5)
-    for wrong in (
-        {"pixel": seen.pixel[1:]},
-        {"pixel": seen.pixel * np.nan},
-        {"inverse_scale": -seen.inverse_scale},
-        {"point": seen.point + 99},
-    ):
-        with pytest.raises(InputError, match="observed points"):
-            replace(seen, **wrong)
-    scene = Scene(device, rig, None, SONG)
-    config = KeypointConfig(room=len(seen) - 1)
-    with pytest.raises(InputError, match="keypoints_room"):
-        KeypointLikelihood(scene, config, POSTURE, 4).observe(Observed(None, seen))
-    with pytest.raises(InputError, match="cameras 0 to 5"):
-        other = replace(seen, camera=np.r_[5, seen.camera[1:]])
-        KeypointLikelihood(scene, CONFIG, POSTURE, 4).observe(Observed(None, other))

@@ -7,8 +7,6 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers import bodies, scenes
-from helpers.kinds import other_kind
-from helpers.likelihoods import Setup, only, smooth_maps
 from helpers.worlds import World
 
 from apf.body.kinematics import posed_cones
@@ -18,7 +16,6 @@ from apf.likelihood.part_colour import (
     DECAY,
     N_CODES,
     N_COLOURS,
-    RATIO_STEPS,
     PartColours,
     find_part,
     find_trunk_cone,
@@ -125,17 +122,6 @@ def test_a_palette_tells_a_persons_colours_apart() -> None:
     assert (encode_colours(pictures.astype(np.uint8), silhouettes, palette) == NOTHING).all()
 
 
-def test_ratios_are_bounded_and_grow_with_the_samples() -> None:
-    histograms = np.zeros((3, N_CODES))
-    histograms[0, 0], histograms[1, 1], histograms[2, 0] = 600, 600, 6
-    ratios = compute_ratios(histograms)
-    assert np.abs(ratios).max() <= RATIO_STEPS
-    assert ratios[1, 0] == -RATIO_STEPS < 0 < ratios[0, 0]
-    assert 0 < ratios[2, 0] < ratios[0, 0] / 5  # few samples
-    assert not ratios[:, NOTHING].any()
-    assert not compute_ratios(np.zeros((3, N_CODES))).any()
-
-
 @pytest.mark.parity("tracking/part_colour.encode_colours")
 def test_codes_agree_with_the_twin(device: Device) -> None:
     rig, grid = scenes.ring(3), scenes.small_grid(0.08)
@@ -163,30 +149,6 @@ def test_codes_agree_with_the_twin(device: Device) -> None:
     found = colours.codes.get()
     np.testing.assert_array_equal(found, encode_colours(images, shown[..., 0], palette))
     assert (found == HIDDEN).sum() > 100
-
-
-@pytest.mark.parametrize("kind", ["own", "other"])
-def test_codes_say_where_the_silhouettes_are(device: Device, kind: str) -> None:
-    """Bit by bit what the maps say: colours of which nothing is known, and those that are hidden,
-    change no error."""
-    device = device if kind == "own" else other_kind(device)
-    rig = scenes.ring(3, (161, 121))
-    maps = smooth_maps(rig)
-    maps[..., 0] = np.where(maps[..., 0] > 128, 255, 0)
-    setup = Setup(device, SONG, rig, bodies.random_poses(SONG, 37), maps, only("silhouette"))
-    codes = np.where(maps[..., 0] > 0, smooth_maps(rig, 1)[..., 0] // 5, NOTHING)
-    codes[:, ::2][codes[:, ::2] != NOTHING] = HIDDEN
-    setup.likelihood.seen["codes"].set(codes.astype(np.uint8))
-    launches = setup.likelihood.launcher(setup.on_device)
-    errors = []
-    for weight in (0.0, 1.5):
-        setup.likelihood.seen["maps"].set(maps)
-        for launch in launches:
-            launch.set(colour_weight=weight)
-            launch()
-        errors.append(setup.likelihood.errors.get())
-    assert np.ptp(errors[0]) > 0.1
-    np.testing.assert_array_equal(*errors)
 
 
 @pytest.mark.parity("tracking/part_colour.count_colours", "tracking/part_colour.learn_colours")

@@ -59,24 +59,9 @@ def test_image_terms_agree_with_the_twin(
         assert np.ptp(expected) > 0.1
 
 
-def test_pictures_of_different_sizes_are_not_mixed_up(device: Device) -> None:
-    """Whatever lies beyond a smaller camera's own picture must not be looked at."""
-    body = bodies.named("song31")
-    rig = scenes.ring(3)
-    assert len({camera.size for camera in rig}) == 3
-    poses, maps = scattered_poses(body, 37), smooth_maps(rig)
-    first = Setup(device, body, rig, poses, maps, CONFIG).errors()
-    for view, camera in enumerate(rig):
-        maps[view, camera.size[1] :], maps[view, :, camera.size[0] :] = 7, 7
-    np.testing.assert_array_equal(Setup(device, body, rig, poses, maps, CONFIG).errors(), first)
-
-
 @pytest.mark.parametrize("term", ["edge", "silhouette"])
-@pytest.mark.parametrize("radii", [(0.1, 0.1), (0.05, 0.1)])
 @pytest.mark.parametrize("ends", [(-0.5, 0.5), (0.5, -0.5), (-0.5, 2.5)])
-def test_axis_pointing_at_the_camera(
-    device: Device, ends: tuple[float, float], radii: tuple[float, float], term: str
-) -> None:
+def test_axis_pointing_at_the_camera(device: Device, ends: tuple[float, float], term: str) -> None:
     """All four corners on one line in the picture: a diameter is sampled, nothing breaks. A cone
     through the camera has no image."""
     stick = bodies.named("stick")
@@ -84,7 +69,7 @@ def test_axis_pointing_at_the_camera(
         stick.cones[2],
         start=np.array([ends[0], 0, -0.05]),
         end=np.array([ends[1], 0, -0.05]),
-        radii=radii,
+        radii=(0.05, 0.1),
         in_images=True,
     )
     body = replace(stick, cones=(cone,), apart=())
@@ -202,14 +187,6 @@ def test_overlap_kernel_agrees_where_parts_meet(device: Device) -> None:
     expected = setup.expected(NO_POINTS)
     assert (expected > 0.02).mean() > 0.1 and (expected == 0).any()
     np.testing.assert_allclose(setup.errors(), expected, atol=1e-5)
-
-
-def test_bodies_without_pairs_have_no_overlap(device: Device) -> None:
-    stick = bodies.named("stick")
-    body = replace(stick, apart=(), cones=stick.cones[:1] * 3)  # all parts in one place
-    rig = scenes.ring(1)
-    poses = bodies.random_poses(body, 37)
-    assert not Setup(device, body, rig, poses, smooth_maps(rig), only("overlap")).errors().any()
 
 
 @pytest.mark.parametrize("name", ["song32", "stick"])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from apf.live.pace import Pace, PaceReporter, describe_run
+from apf.live.pace import Pace, describe_run
 from apf.live.session import LiveResult
 from apf.live.timeline import Timeline
 
@@ -14,29 +14,12 @@ def timeline_of(rate: float, n: int = 10) -> Timeline:
     return timeline
 
 
-def result_of(n: int = 10) -> LiveResult:
-    return LiveResult(list(range(n)), [], [0.2] * n, [(0, 96, 10)])
-
-
 def test_what_is_to_be_expected() -> None:
     slow = Pace(4.0, 30.0, 0.2, 0.05, 0.5)
     assert not slow.keeps_up and "about 4.0 poses per second" in str(slow)
     assert slow.advice.startswith("faster with smaller pictures (--scale 0.25), a smaller search")
     assert Pace(4.0, 30.0, 0.05, 0.2, 0.5).advice.startswith("faster with a smaller search")
     assert Pace(28.0, 30.0, 0.02, 0.01, 1.0).keeps_up
-
-
-def test_lines_come_now_and_then_and_one_warning() -> None:
-    now = [100.0]
-    said: list[str] = []
-    warned: list[str] = []
-    progress = PaceReporter(30.0, None, said.append, warned.append, 5.0, lambda: now[0])
-    for _ in range(110):
-        now[0] += 0.1
-        progress(result_of(), timeline_of(8.0))
-    assert [line.split(":")[0] for line in said] == ["5 s", "10 s"]
-    assert "10 poses, 8.0 per second, latency 200 ms" in said[0]
-    assert warned == ["8.0 poses per second are found of the 30 wanted"]
 
 
 def test_a_lost_person_is_told() -> None:

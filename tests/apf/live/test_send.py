@@ -66,7 +66,7 @@ def receivers() -> Iterator[list[socket.socket]]:
         try:
             for k, one in enumerate(sockets):
                 one.bind(("127.0.0.1", port + k))
-                one.settimeout(10)
+                one.settimeout(60)
         except OSError:
             continue
         yield sockets

@@ -139,7 +139,7 @@ def test_a_full_disk_ends_a_recording(tmp_path: Path, monkeypatch: pytest.Monkey
     captures = Captures([str(folder / f"videos/cam0{k}.mp4") for k in (1, 2)])
     captures.record(tmp_path / "out", ["a", "b"])
     records.set()
-    assert captures.wait(10**6, 10.0) is None and "No space left" in captures.ended
+    assert captures.wait(10**6, 60.0) is None and "No space left" in captures.ended
     with pytest.raises(InputError, match="0 of 0 pictures"):
         captures.stop_recording()
     captures.close()

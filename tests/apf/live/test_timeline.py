@@ -9,7 +9,6 @@ import cv2
 import numpy as np
 import pytest
 
-from apf.cli.live import print_summary
 from apf.evaluation.joint_names import EVALUATED_JOINTS
 from apf.formats.trc import JointSeries
 from apf.live.sources import ACQUISITION
@@ -51,19 +50,3 @@ def test_timeline_and_its_picture(tmp_path: Path) -> None:
     coloured = np.ptp(picture.astype(int), axis=-1) > 60
     assert 0.05 < coloured.mean() < 0.8
     Timeline(STAGES).plot(tmp_path / "empty.png")  # a run without results has one, too
-
-
-def test_all_poses_of_a_long_run_are_counted(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("apf.live.timeline._KEPT", 10)
-    timeline = Timeline(STAGES)
-    for frame in range(25):
-        timeline.add_result(frame, 0.1 * frame, 0.1 * frame + 0.05)
-    assert timeline.summary()["results"] == 25 and len(timeline.latencies()) == 10
-
-
-def test_summary_of_one_pose_has_no_rate(capsys: pytest.CaptureFixture[str]) -> None:
-    timeline = Timeline(STAGES)
-    timeline.add_result(0, 0.0, 0.05)
-    print_summary({**timeline.summary(), "sizes": [[0, 48, 6]], "lost": 0}, Path("out"))
-    said = capsys.readouterr().out
-    assert said.startswith("1 poses; dropped") and "most 50\n" in said and "None" not in said

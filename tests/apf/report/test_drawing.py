@@ -77,16 +77,6 @@ def test_sides_have_their_colours_where_the_limbs_are() -> None:
     assert 0.005 < changed.mean() < 0.3
 
 
-def test_body_behind_the_camera_or_far_outside_draws_nothing() -> None:
-    view, track = camera("back", 0.0), tracks.walker(1)
-    for shift in ([50.0, 0, 0], [0, 300.0, 0]):
-        poses = track.poses.copy()
-        poses[:, [track.dof_names.index(f"pelvis.t{axis}") for axis in "xyz"]] += shift
-        drawn = np.full((240, 320, 3), 90, np.uint8)
-        Figure(replace(track, poses=poses, joints=track.joints + shift)).draw(drawn, view, 0)
-        assert np.all(drawn == 90)
-
-
 def test_lost_people_and_limbs_have_their_own_colour() -> None:
     track = tracks.walker(2)
     figure = Figure(replace(track, diagnostics={"lost": np.array([False, True])}), number=1)
@@ -108,7 +98,7 @@ def test_people_are_drawn_while_they_are_seen() -> None:
         assert ((one != all_).any(-1).sum() > 500) == (n == 2)
 
 
-@pytest.mark.parametrize("count", [1, 2, 3, 4, 5, 8, 12])
+@pytest.mark.parametrize("count", [1, 5, 12])
 def test_mosaic_is_bounded_and_even(count: int) -> None:
     sequence = Footage([(641, 481)] * count)
     picture = mosaic_of(sequence)

@@ -17,7 +17,6 @@ from apf.initialisation.from_joints import fit_to_joints
 from apf.keypoints.keypoints import Keypoints
 from apf.report.agreement import (
     compare_with_silhouettes,
-    find_parts,
     measure_explained,
     measure_keypoint_agreement,
 )
@@ -183,21 +182,6 @@ def test_lost_frames_and_unsure_ends() -> None:
         "look at right arm: frames 14",
     ]
     assert quality.facts()["body_iou"] is None
-
-
-@pytest.mark.parametrize("name", ["song31", "rymut31_lower"])
-def test_parts_of_shipped_bodies(name: str) -> None:
-    body = load_body(name)
-    parts = find_parts(body)
-    seen = sorted(cone for part in parts for cone in part.cones)
-    assert seen == list(range(len(body.cones)))
-    names = [part.name for part in parts]
-    assert names[0] == "trunk" and len(set(names)) == len(names)
-    assert ("left arm" in names) == (name != "rymut31_lower")
-    ends = {part.name: body.joint_names[part.end] for part in parts}
-    assert (
-        ends.get("right leg", "r_ankle") == "r_ankle" and ends.get("head", "head_top") == "head_top"
-    )
 
 
 def test_frames_without_the_person_are_not_judged() -> None:

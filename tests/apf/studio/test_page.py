@@ -15,7 +15,6 @@ from helpers.studio import save_track, save_voxels
 
 pytest.importorskip("viser", reason="viser is not installed")
 
-from apf.cli import main
 from apf.report.drawing import PEOPLE
 from apf.studio.folders import Roots
 from apf.studio.page import Page
@@ -198,11 +197,3 @@ def test_page_in_a_browser(tmp_path: Path, open_page: Callable[[Path], Page]) ->
         assert alerts == []
     own = page.address.rpartition("/")[0]
     assert all(url.startswith((own, "blob:", "data:")) for url in asked)
-
-
-def test_bad_arguments_are_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["studio", str(tmp_path / "gone"), "--no-browser"]) == 2
-    assert main(["studio", str(tmp_path), "--port", "70000"]) == 2
-    assert main(["studio", str(save_voxels(tmp_path / "v") / "clouds"), "--port", "-1"]) == 2
-    lines = capsys.readouterr().err.splitlines()
-    assert len(lines) == 3 and "no folder" in lines[0] and "--port" in lines[1]

@@ -15,8 +15,7 @@ from apf.synthetic.gait import GaitModel
 from apf.synthetic.generate import generate
 from apf.synthetic.people import make_walks, presence
 from apf.synthetic.render import SyntheticScene
-from apf.synthetic.scene import make_palettes
-from cl import Device, InputError
+from cl import Device
 
 SMALL = SceneConfig(cameras=2, frames=12, fps=2, size=(102, 78), seed=3, people=3, visitor=True)
 
@@ -38,11 +37,6 @@ def test_walkers_stay_apart_and_in_the_room(people: int, seed: int) -> None:
     assert len({round(gait.skeleton.height, 3) for gait in gaits}) == people
 
 
-def test_shirts_differ() -> None:
-    shirts = {tuple(palette[0]) for palette in make_palettes(1, 5)}
-    assert len(shirts) == 5
-
-
 def test_who_is_nearer_hides_the_others(scene: SyntheticScene) -> None:
     hidden = 0
     for index in (0, 7):
@@ -57,14 +51,6 @@ def test_who_is_nearer_hides_the_others(scene: SyntheticScene) -> None:
     assert hidden > 50
 
 
-def test_a_body_alone_is_drawn_as_ever(device: Device) -> None:
-    scene = SyntheticScene(SMALL.replace(people=1, visitor=False), device)
-    alone, masks, _ = scene.frame(3)
-    images, numbers = scene.frame_of_people(3)
-    np.testing.assert_array_equal(images, alone)
-    np.testing.assert_array_equal(numbers > 0, masks > 0)
-
-
 def test_a_visitor_is_in_the_truth_while_there(device: Device, tmp_path: Path) -> None:
     generate(tmp_path / "walk", SMALL, device)
     truth = load_people_truth(tmp_path / "walk" / "truth.npz")
@@ -77,8 +63,3 @@ def test_a_visitor_is_in_the_truth_while_there(device: Device, tmp_path: Path) -
     assert set(np.unique(shown[0])) <= {0, 1, 2}
     assert {1, 2} <= set(np.unique(shown[1]))
     assert (tmp_path / "walk" / "truth_person3.trc").exists()
-
-
-def test_nobody_is_visited() -> None:
-    with pytest.raises(InputError, match="visitor"):
-        SceneConfig(visitor=True)

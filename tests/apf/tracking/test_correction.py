@@ -59,19 +59,6 @@ def test_faulty_files_are_refused_by_name(tmp_path: Path, text: str, problem: st
         read_corrections(path)
 
 
-@pytest.mark.parametrize(
-    ("corrections", "problem"),
-    [
-        (Corrections(Path(), (replace(POINT, joint="tail"),)), "no joint 'tail'"),
-        (Corrections(Path(), (replace(POINT, frame=99),)), "frame 99 was not tracked"),
-        (Corrections(Path(), (), ((5, 2),)), "expected the first one first"),
-    ],
-)
-def test_corrections_of_another_track_are_refused(corrections: Corrections, problem: str) -> None:
-    with pytest.raises(InputError, match=problem):
-        corrections.check(tracks.walker())
-
-
 def test_cameras_would_see_the_corrected_joint_there() -> None:
     rig = ring()
     found = observe_corrections(SONG, rig, {"l_wrist": POINT})

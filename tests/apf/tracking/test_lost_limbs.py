@@ -21,7 +21,6 @@ from apf.formats.trc import read_trc
 from apf.report.quality import Quality
 from apf.tracking.smoothing import smooth_track
 from apf.tracking.track import Track
-from cl import InputError
 
 LOST = slice(10, 14)
 
@@ -120,8 +119,3 @@ def test_flags_beside_the_truth(track: Track) -> None:
     assert found.flags.found == 0.6 and found.flags.falsely == pytest.approx(1 / 115)
     unflagged = 30 * 15 - 4 * 3  # shoulder, elbow and wrist
     assert found.inside_unflagged == pytest.approx(1 - 2 / unflagged)
-
-
-def test_flags_of_another_body(track: Track) -> None:
-    with pytest.raises(InputError, match=r"limb_margin has shape \(30, 2\); the body has 4 limbs"):
-        replace(track, diagnostics={"limb_margin": np.zeros((len(track), 2))})

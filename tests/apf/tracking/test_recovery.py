@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from helpers import bodies, scenes
+from helpers import scenes
 from helpers.walkers import GRID, SONG, surface_voxels, walker
 
 import apf.tracking.trackers
@@ -22,16 +22,11 @@ from apf.tracking.recovery import (
     GLOBAL_RESTART,
     LOCAL_RESTART,
     TRACKED,
-    WORST,
-    Judge,
     RecoveringRuns,
     RecoveringTracker,
-    RecoveryConfig,
 )
 from apf.tracking.trackers import make_recovering_tracker
 from cl import Device
-
-STICK = bodies.named("stick")
 
 
 @dataclass
@@ -129,35 +124,6 @@ def test_a_person_elsewhere_is_searched_everywhere() -> None:
     found = run(tracker, [0.0, 50.0, 50.05])
     assert [e.restart for e in found] == [TRACKED, GLOBAL_RESTART, TRACKED]
     assert [e.pose[0] for e in found] == [0.0, 50.0, 50.05]
-
-
-def test_the_limit_follows_what_is_usual() -> None:
-    judge, config = Judge(), RecoveryConfig()
-    estimate = OnALine(0.1).step(0.0)
-
-    def accepted(misfit: float, times: int) -> float:
-        for _ in range(times):
-            judge.accept(replace(estimate, misfit=misfit))
-        return judge.limit
-
-    assert judge.limit == WORST
-    assert accepted(0.2, 1) == config.least  # twice 0.2, and not less
-    assert accepted(0.35, 9) == pytest.approx(0.7)
-    assert accepted(0.8, 30) == WORST
-    assert accepted(np.nan, 3) == WORST  # of likelihoods that know none
-    assert judge.judge(replace(estimate, misfit=WORST)).confidence == pytest.approx(0.5)
-    judge.forget()
-    assert judge.limit == WORST
-
-
-def test_likelihoods_without_a_misfit_are_trusted() -> None:
-    class Blind(OnALine):
-        def step(self, person: float) -> Estimate:
-            ones = np.ones(2)
-            return Estimate(STICK, np.zeros(1), ones, ones, ones, ones)
-
-    found = run(RecoveringTracker(Blind(1.0), lambda: Blind(1.0)), [0.0, 50.0])
-    assert not any(e.lost for e in found) and all(np.isnan(e.confidence) for e in found)
 
 
 def test_one_who_leaves_and_comes_back_elsewhere_is_tracked_again(

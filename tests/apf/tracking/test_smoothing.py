@@ -14,7 +14,6 @@ from apf.body.toml import load_body, save_body
 from apf.cli import main
 from apf.tracking.smoothing import SmoothingConfig, find_unbroken_parts, smooth_series, smooth_track
 from apf.tracking.track import Track
-from cl import InputError
 
 BODY = load_body("song31")
 CUTOFF = SmoothingConfig(cutoff=6.0)
@@ -138,23 +137,3 @@ def test_the_command(tmp_path: Path) -> None:
     np.testing.assert_allclose(
         found.poses, smooth_track(track, SmoothingConfig(lag=4)).poses, atol=1e-9
     )
-
-
-def test_what_cannot_be_smoothed(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    _, track = jittery()
-    with pytest.raises(InputError, match="already"):
-        smooth_track(smooth_track(track))
-    with pytest.raises(InputError, match="does not hold its body"):
-        smooth_track(replace(track, body=None))
-    track.save(tmp_path / "a" / "track.npz")
-    save_body(tmp_path / "a" / "body.toml", BODY)
-    folder, out = str(tmp_path / "a"), str(tmp_path / "b")
-    for wrong in (
-        [folder, "-o", folder],
-        [str(tmp_path / "absent"), "-o", out],
-        [folder, "-o", out, "--cutoff", "0"],
-        [folder, "-o", out, "--lag", "-1"],
-    ):
-        assert main(["smooth", *wrong]) == 2
-        lines = capfd.readouterr().err.strip().splitlines()
-        assert len(lines) == 1 and lines[0].startswith("apf: error: "), lines

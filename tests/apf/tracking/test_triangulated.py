@@ -208,27 +208,6 @@ def test_several_people_are_tracked_by_keypoints_alone(
         np.testing.assert_array_equal(track.poses, again.poses)
 
 
-def test_bad_input_is_one_line(
-    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    for flags, message in (
-        (["--keypoints", "none.npz"], f"{folder / 'none.npz'}: no such file"),
-        (["--low-pass", "60"], "expected between 0 and 12.5, half of the frame rate"),
-        (["--max-error", "-3"], "--max-error is -3"),
-        (
-            ["--init", str(folder / "truth.npz")],
-            "--init applies only to bodies, which --method triangulate",
-        ),
-        (["--seeds", "3"], "--seeds applies only to bodies, which --method triangulate"),
-    ):
-        assert command(folder, tmp_path / "out", *flags) == 2
-        said = capsys.readouterr()
-        assert message in said.err and said.err.count("\n") == 1
-        assert not (tmp_path / "out").exists()
-    assert main(["track", str(folder), "-o", str(tmp_path / "o"), "--method", "triangulate"]) == 2
-    assert "expected --keypoints" in capsys.readouterr().err
-
-
 #: mm, means over shoulders, elbows, wrists, hips, knees and ankles: the shared KEYPOINTS.md.
 FIGURES = {"synth_box_4cam": 25, "synth_jacks_6cam": 35}
 

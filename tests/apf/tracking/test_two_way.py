@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
@@ -24,10 +23,9 @@ from apf.reference.likelihood.voxel import uncrop
 from apf.scene import Scene
 from apf.tracking.limb_confidence import LEAST_DISTANCE, SAME_PLACE
 from apf.tracking.recovery import SeparateRuns
-from apf.tracking.trackers import make_recovering_runs, make_recovering_tracker, run_seeds
+from apf.tracking.trackers import make_recovering_tracker, run_seeds
 from apf.tracking.two_way import (
     exchange_limbs,
-    find_best_path,
     fuse_passes,
     smooth_poses,
     track_both_ways,
@@ -59,19 +57,6 @@ def together(
         [[estimate(p) for p in of] for of in zip(ahead, behind, strict=True)], errors
     )
     return np.stack([one.pose for one in found])
-
-
-def test_the_best_path_is_the_cheapest_of_all() -> None:
-    random = np.random.default_rng(0)
-    for _ in range(20):
-        costs, changes = random.uniform(size=(5, 2)), random.uniform(size=(4, 2, 2))
-
-        def price(path: tuple[int, ...], costs=costs, changes=changes) -> float:  # type: ignore[no-untyped-def]
-            steps = sum(changes[k, path[k], path[k + 1]] for k in range(4))
-            return float(costs[np.arange(5), path].sum() + steps)
-
-        cheapest = min(itertools.product((0, 1), repeat=5), key=price)
-        assert tuple(find_best_path(costs, changes)) == cheapest
 
 
 def test_the_mean_is_of_the_ways_that_agree() -> None:
@@ -357,23 +342,3 @@ def test_an_arm_that_began_wrong_is_right_from_the_end_back(device: Device) -> N
     )
     assert by_one[0] > 0.12 and by_one[-1] < 0.08
     assert by_both.max() < 0.08
-
-
-def test_runs_that_start_apart_are_those_alone(device: Device) -> None:
-    """Bit by bit; and poses are judged by what each of them has learnt."""
-    method = Method.create(n_particles=40, n_layers=2, n_points=300)
-    world = World(device)
-    scene = world.scene(device)
-    starts = np.stack([world.pose(0), moved(world.pose(0), l_upper_arm__rx=-0.4)])
-    together = make_recovering_runs(scene, method, [3, 4])
-    together.start(starts)
-    found = [together.step(world.voxels(k)) for k in range(2)]
-    errors = []
-    for run, seed in enumerate([3, 4]):
-        alone = make_recovering_runs(scene, method, [seed])
-        alone.start(starts[run])
-        for k in range(2):
-            (expected,) = alone.step(world.voxels(k))
-            np.testing.assert_array_equal(found[k][run].pose, expected.pose)
-        errors.append(alone.score_poses(starts))
-    np.testing.assert_allclose(together.score_poses(starts), np.mean(errors, 0), atol=1e-6)

@@ -7,7 +7,7 @@ import pytest
 from helpers import scenes
 
 from psfs.background.coverage import Coverage, Rays
-from psfs.background.gaussian import masked_moments, median_moments
+from psfs.background.gaussian import median_moments
 from psfs.background.pixel_densities import PixelDensities, find_moving_region
 from psfs.background.take import estimate_background_from_take
 from psfs.footage.media import Media
@@ -171,20 +171,3 @@ def test_others_cameras_say_where_the_person_is_who_hides_from_one() -> None:
     clean = Coverage(Rays(rig, np.ones(masks.shape, bool)))
     clean.update(list(np.where(masks, 4.0, -4.0)[:, None].astype(np.float32)))
     assert clean.agreement > coverage.agreement
-
-
-def test_moments_leave_out_what_is_hidden() -> None:
-    random = np.random.default_rng(1)
-    frames = np.clip(random.normal(100, 3, (20, 8, 9, 3)), 0, 255).astype(np.uint8)
-    hidden = random.random((20, 8, 9)) < 0.6
-    hidden[:, 2, 3] = True
-    frames[hidden] = 250
-    flat = frames.reshape(20, -1, 3), hidden.reshape(20, -1)
-    mean, std, count = (of.reshape(8, 9, -1) for of in masked_moments(*flat))
-    known = count[..., 0] > 0
-    assert np.abs(mean[known] - 100).max() < 6 and std[known].max() < 11
-    assert not known[2, 3] and mean[2, 3, 0] == 250
-    seen = np.ma.masked_array(frames, np.repeat(hidden[..., None], 3, -1))
-    expected = np.sort(seen.filled(255), 0)
-    free = (~hidden).sum(0)
-    np.testing.assert_array_equal(mean[0, 0], expected[free[0, 0] // 2, 0, 0])

@@ -11,7 +11,7 @@ from helpers import footage
 from helpers.shared import shared_data
 
 from cl import InputError
-from psfs.cameras.calibration import find_calibration, read_calibration
+from psfs.cameras.calibration import read_calibration
 from psfs.cameras.calibration.number_lists import read_humaneva
 from psfs.cameras.camera import CameraRig
 from psfs.cameras.names import contains_name, match_files_to_cameras, natural_key
@@ -161,12 +161,6 @@ def test_units(unit, metres: float) -> None:
     assert metres_per_unit(unit) == pytest.approx(metres)
 
 
-@pytest.mark.parametrize("unit", ["inch", "", "-1", "0", "nan", "m m", float("inf"), "1..2mm"])
-def test_wrong_units(unit) -> None:
-    with pytest.raises(InputError, match="unit"):
-        metres_per_unit(unit)
-
-
 @pytest.mark.parametrize("up", ["x", "-x", "y", "-y", "z", "-z"])
 def test_the_up_axis_becomes_z_and_the_pictures_stay(up: str) -> None:
     A = rotation_to_z_up(up)
@@ -224,18 +218,6 @@ def test_files_are_named_after_cameras(
     else:
         right = {name: files[row] for name, row in zip(names, expected, strict=True)}
         assert match_files_to_cameras(names, files, "videos") == (right, None)
-
-
-def test_find_calibration(tmp_path: Path) -> None:
-    assert find_calibration(tmp_path) is None
-    (tmp_path / "Calib_b.toml").touch()
-    (tmp_path / "sequence.toml").touch()
-    assert find_calibration(tmp_path) == tmp_path / "Calib_b.toml"
-    (tmp_path / "Calib_a.toml").touch()
-    with pytest.raises(InputError, match="several calibrations"):
-        find_calibration(tmp_path)
-    (tmp_path / "calibration.toml").touch()
-    assert find_calibration(tmp_path) == tmp_path / "calibration.toml"
 
 
 def test_real_cameras_stand_where_the_readmes_say() -> None:

@@ -39,13 +39,6 @@ def test_small_pictures_are_to_the_scale_of_their_cameras() -> None:
         assert not shown[height:].any() and not shown[:, width:].any()
 
 
-def test_sides_that_divide_are_resized_as_by_their_sizes() -> None:
-    rig, factor = CameraRig((CAMERA,)), 80 / 320
-    picture = np.random.default_rng(0).integers(0, 256, (1, 180, 320, 3)).astype(np.uint8)
-    expected = cv2.resize(picture[0], (80, 45), interpolation=cv2.INTER_AREA)
-    np.testing.assert_array_equal(Shrink(rig, factor)(picture)[0], expected)
-
-
 @pytest.mark.parametrize("skew", [0.0, 0.7])
 def test_rays_meet_what_the_lens_shows_at_their_pixels(skew: float) -> None:
     K = CAMERA.K + skew * np.eye(3, k=1) * [[1], [0], [0]]

@@ -117,20 +117,6 @@ def test_layouts_units_and_a_folder_s_own_files(tmp_path: Path) -> None:
     np.testing.assert_allclose(own[0].packed(), first[0].packed(), rtol=1e-6)
 
 
-@pytest.mark.parametrize(
-    ("values", "message"),
-    [
-        ({"f": -5.6}, "f -5.6.*expected positive numbers"),
-        ({"dpx": 0.0}, "dpx 0"),
-        ({"kappa1": float("nan")}, "kappa holds a number that is not finite"),
-    ],
-)
-def test_bad_numbers(tmp_path: Path, values: dict[str, float], message: str) -> None:
-    write(tmp_path / "calib", CAMERA | values)
-    with pytest.raises(InputError, match=message):
-        read_calibration(tmp_path / "calib", sizes=SIZE)
-
-
 def test_bad_files(tmp_path: Path) -> None:
     for text, message in (
         ("1 2 3", r"cam1\.cpar: 3 words; expected Tsai's 17 numbers"),

@@ -100,53 +100,6 @@ def test_a_track_of_the_take_and_of_another(
     assert not (tmp_path / "other").exists()
 
 
-@pytest.mark.parametrize(
-    ("flags", "message"),
-    [
-        (("--grid", "0,10,10"), "expected three positive numbers"),
-        (("--grid", "5000,5000,5000"), "voxels"),
-        (("--voxel-size", "1e-7"), "edge of a voxel"),
-        (("--voxel-size", "0"), "edge of a voxel, m, is 0"),
-        (("--frames", "0:1"), "nothing stands out"),
-        (("--frames", "0:1", "--volume", "-1,1,-1,1,0,2"), "nothing stands out"),
-        (("--frames", "40:50"), "none of the 4 frames"),
-        (("--debris", "2"), "--debris is 2"),
-        (("--track", "nowhere"), "nowhere: no such file; expected a track.npz"),
-        (("--device", "no such device"), "no OpenCL device"),
-    ],
-)
-def test_bad_input_writes_nothing(
-    folder: Path,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    flags: tuple[str, ...],
-    message: str,
-) -> None:
-    out = tmp_path / "out"
-    assert main(["reconstruct", str(folder), "-o", str(out), *flags]) == 2
-    error = capsys.readouterr().err.strip().splitlines()
-    assert message in error[-1] and sum("error" in line for line in error) == 1
-    assert not out.exists()
-
-
-def test_an_interrupted_run_leaves_whole_files(
-    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    out, write = tmp_path / "out", command.write_cloud
-
-    def interrupted(cloud, stem: Path, normals: bool) -> None:
-        if stem.name == "frame_000003":
-            raise KeyboardInterrupt
-        write(cloud, stem, normals)
-
-    monkeypatch.setattr(command, "write_cloud", interrupted)
-    assert reconstruct(folder, out) == 130
-    summary = json.loads((out / "summary.json").read_text())
-    assert not summary["complete"] and len(summary["frames"]) == 3
-    assert sorted(p.name for p in out.rglob("*") if p.name.startswith(".")) == []
-    assert main(["check", str(out)]) == 0
-
-
 def test_voxels_finer_than_the_pixels_are_warned_of(
     folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

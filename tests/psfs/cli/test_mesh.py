@@ -41,24 +41,6 @@ def test_all_frames_but_the_empty_one(out: Path, tmp_path: Path) -> None:
     assert np.abs(smooth.vertices - rough.vertices).max() > 1e-3
 
 
-@pytest.mark.parametrize(
-    ("flags", "message"),
-    [
-        (("--frame", "7"), "holds frames 0 to 2"),
-        (("--frame", "0"), "cloud of frame 0 is empty"),
-        (("--smooth", "-1"), "--smooth, steps, is -1"),
-        (("-o", "body.stl"), "body.stl: expected a name that ends in .ply or .glb or .obj"),
-        (("-o", "body.ply", "--format", "obj"), "expected a name that ends in .obj"),
-        (("--frame", "all", "-o", __file__), "is a file"),
-    ],
-)
-def test_bad_input(
-    out: Path, capsys: pytest.CaptureFixture[str], flags: tuple[str, ...], message: str
-) -> None:
-    assert main(["mesh", str(out), *flags]) == 2
-    assert message in capsys.readouterr().err
-
-
 @pytest.mark.parametrize("device", [select_device("auto"), NumpyDevice()])
 def test_the_surface_is_that_of_the_run(out: Path, device: Device | NumpyDevice) -> None:
     """Computed anew in a box around the cloud, it passes between the cloud's voxels and others."""

@@ -138,20 +138,6 @@ def test_bad_files_are_named(
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.parametrize(
-    ("flag", "value", "expected"),
-    [
-        ("--voxel-size", "0,02", "--voxel-size: is '0,02'; expected a number, such as 1.5"),
-        ("--count", "one", "--count: is 'one'; expected a whole number"),
-    ],
-)
-def test_a_flag_that_is_no_number(
-    flag: str, value: str, expected: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert walk(tmp_path / "out", flag, value)[0] == 2
-    assert expected in capsys.readouterr().err
-
-
 def test_quiet_shows_warnings_only(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     walk(tmp_path, "--quiet")
     said = capsys.readouterr()
@@ -171,11 +157,6 @@ def test_the_log_has_all_messages_and_grows(tmp_path: Path) -> None:
     assert "InputError: bad: not good" in text and "Traceback" in text
     walk(tmp_path)
     assert log.read_text() == text
-
-
-def test_a_log_that_cannot_be_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    code, _ = walk(tmp_path / "out", "--log-file", str(tmp_path))
-    assert code == 2 and "--log-file" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("main", [psfs.cli.main, apf.cli.main])
@@ -201,16 +182,3 @@ def test_completion_is_a_script_that_bash_reads(
     )
     found = subprocess.run(["bash", "-c", ask], capture_output=True, text=True, check=True)
     assert "--voxel-size" in found.stdout.split()
-
-
-@pytest.mark.parametrize(("main", "command"), [(apf.cli.main, "track"), (apf.cli.main, "live")])
-def test_help_has_what_is_common_first(
-    main: object, command: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main([command, "--help"]) == 0  # type: ignore[operator]
-    text = capsys.readouterr().out
-    order = ["--device", "--frames", "sequence:", "start:", "search:", "--particles", "messages:"]
-    order = [f"\n{'' if word[-1] == ':' else '  '}{word}" for word in order]
-    positions = [text.index(word) for word in order]
-    assert positions == sorted(positions)
-    assert "[flags]" in text.splitlines()[0]

@@ -14,7 +14,6 @@ import psfs.cli.silhouettes as command
 from apf.synthetic.generate import generate
 from apf.synthetic.scene import SceneConfig
 from cl import Device
-from psfs.background.config import EvidenceConfig
 from psfs.cli import main
 from psfs.diagnostics.silhouette_scores import score_silhouettes
 from psfs.reconstructor import Reconstructor
@@ -68,14 +67,6 @@ def test_frames_with_true_masks_are_shown(
     assert height > 4 * 200 and width > 4 * 100
 
 
-def test_chosen_frames_replace_those_of_an_earlier_run(folder: Path, tmp_path: Path) -> None:
-    assert show(folder, tmp_path) == 0
-    assert show(folder, tmp_path, "--frames", "3") == 0
-    assert [path.name for path in tmp_path.glob("*.png")] == ["frame_000003.png"]
-    assert list(json.loads((tmp_path / "silhouettes.json").read_text())["frames"]) == ["3"]
-    assert not [path for path in tmp_path.iterdir() if path.name.startswith(".")]
-
-
 def test_without_true_masks_frames_are_spread(
     folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -103,31 +94,6 @@ def test_the_silhouettes_are_those_of_the_reconstruction(folder: Path, device: D
     np.testing.assert_array_equal(third.masks, (evidence > 0) & third.region)
     np.testing.assert_array_equal(third.likelihood > 0.5, evidence > 0)
     assert 0 < third.likelihood.min() < third.likelihood.max() < 1
-
-
-def test_the_likelihood_is_that_of_the_counts() -> None:
-    for config in (EvidenceConfig(), EvidenceConfig(occlusion_prior=0.3)):
-        slm = np.linspace(0.01, 0.99, 50)
-        back = config.likelihood(config.counts(slm))
-        np.testing.assert_allclose(back, slm, rtol=0.08)
-        assert ((back > 0.5) == (config.counts(slm) > 0)).all()
-
-
-def test_errors_write_nothing(
-    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    file = tmp_path / "file"
-    file.write_text("")
-    assert show(folder, file) == 2
-    assert "is a file; expected a folder" in capsys.readouterr().err
-    out = tmp_path / "out"
-    assert show(folder, out, "--frames", "9:") == 2
-    assert "none of the 4 frames" in capsys.readouterr().err
-    spoilt = shutil.copytree(folder, tmp_path / "spoilt")
-    cv2.imwrite(str(spoilt / "truth_masks" / "cam01_000000.png"), np.zeros((8, 8), np.uint8))
-    assert show(spoilt, out) == 2
-    assert "8 x 8 px; expected a mask of 160 x 120 px" in capsys.readouterr().err
-    assert not out.exists()
 
 
 def test_an_interrupt_keeps_what_was_shown(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +10,7 @@ from helpers import footage, scenes
 from helpers.shared import shared_data
 
 from psfs.cameras.camera import CameraRig
-from psfs.cameras.rig_geometry import find_seen_box, intersect_axes
+from psfs.cameras.rig_geometry import find_seen_box
 from psfs.cameras.units import rotate_rig, rotation_to_z_up, scale_rig
 from psfs.cli import main
 from psfs.diagnostics.sequence_info import rig_warnings, sequence_info
@@ -28,17 +27,6 @@ def test_facts(tmp_path: Path) -> None:
     assert info.warnings == [] and info.notes == []
     low, high = info.shared
     assert (low < [-0.3, -0.3, 0.7]).all() and (high > [0.3, 0.3, 1.1]).all()
-
-
-def test_axes_meet_at_the_common_target_and_survive_one_camera() -> None:
-    rig = footage.rig(5)
-    unshifted = []
-    for camera in rig:  # the axis through the principal point is the third row of R
-        unshifted.append(replace(camera, distortion=np.zeros(5)))
-    np.testing.assert_allclose(intersect_axes(CameraRig(tuple(unshifted))), [0, 0, 0.9], atol=1e-9)
-    alone = CameraRig((rig[0],))
-    assert np.isfinite(intersect_axes(alone)).all()
-    assert rig_warnings(alone) == []
 
 
 def test_warnings_of_a_wrong_rig() -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from types import SimpleNamespace
 from typing import Any
 
@@ -11,14 +10,14 @@ import pytest
 from psfs.page.watch import draws_slowly
 
 
-def make_server(*answers: float | Exception) -> Any:
+def make_server(now: list[float], *answers: float | Exception) -> Any:
     """A server whose browsers take so many seconds for a picture, or do not give one."""
 
     def client(answer: float | Exception) -> Any:
         def get_render(height: int, width: int, timeout: float) -> None:
             if isinstance(answer, Exception):
                 raise answer
-            time.sleep(answer)
+            now[0] += answer
 
         return SimpleNamespace(get_render=get_render)
 
@@ -35,5 +34,9 @@ def make_server(*answers: float | Exception) -> Any:
         ((TimeoutError("hidden"), RuntimeError("closed")), False),
     ],
 )
-def test_slow_browsers_are_found(answers: tuple[float | Exception, ...], slow: bool) -> None:
-    assert draws_slowly(make_server(*answers)) is slow
+def test_slow_browsers_are_found(
+    answers: tuple[float | Exception, ...], slow: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    now = [0.0]
+    monkeypatch.setattr("psfs.page.watch.time.perf_counter", lambda: now[0])
+    assert draws_slowly(make_server(now, *answers)) is slow

@@ -82,7 +82,7 @@ def test_voxels_are_carved_only_while_wanted() -> None:
     clouds = CarvedClouds(GRID, 3, carve, note, most=9 * 5)  # has room for the last two
     assert clouds.get(0) is None and "0 of 3" in clouds.describe(0) and known == []
     clouds.want(True)
-    assert third.wait(10)
+    assert third.wait(60)
     clouds.close()
     found = clouds.get(2)
     assert found is not None and len(found.positions) == 3 and clouds.describe(2) == ""

@@ -25,7 +25,7 @@ def served() -> Iterator[tuple[int, Gate]]:
 
 
 def status(port: int, path: str, **headers: str) -> int:
-    connection = http.client.HTTPConnection(HOST, port, timeout=10)
+    connection = http.client.HTTPConnection(HOST, port, timeout=60)
     connection.request("GET", path, headers=headers)
     return connection.getresponse().status
 
@@ -66,7 +66,7 @@ def test_websocket_needs_the_token(served: tuple[int, Gate]) -> None:
             connect(f"ws://{HOST}:{port}{path}", subprotocols=spoken)
         assert refused.value.response.status_code == 403
     with connect(f"ws://{HOST}:{port}/{gate.token}", subprotocols=spoken) as socket:
-        assert socket.recv(timeout=10)
+        assert socket.recv(timeout=60)
 
 
 def test_address_holds_the_token() -> None:

@@ -33,7 +33,7 @@ def watched(monkeypatch: pytest.MonkeyPatch, folder: Path, *flags: str) -> Calla
         pytest.importorskip("viser", reason="viser is not installed")
 
         def serve(page, args) -> None:  # type: ignore[no-untyped-def]
-            asked = http.client.HTTPConnection("127.0.0.1", page.server.get_port(), timeout=10)
+            asked = http.client.HTTPConnection("127.0.0.1", page.server.get_port(), timeout=60)
             asked.request("GET", "/")  # without the token
             assert asked.getresponse().status == 403
             look(page.watch)

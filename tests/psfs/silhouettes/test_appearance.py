@@ -64,16 +64,6 @@ def test_a_second_look(device: Device, monkeypatch, look_again: bool, lessons: l
     assert counts == lessons
 
 
-def test_a_run_repeats(device: Device) -> None:
-    rig, frame, background = scene()
-    runs = []
-    for _ in range(2):
-        ours = Reconstructor(device, rig, scenes.small_grid(), background)
-        clouds = [ours(replace(frame, index=index)).cloud().indices for index in range(3)]
-        runs.append(np.concatenate(clouds))
-    np.testing.assert_array_equal(*runs)
-
-
 def test_the_persons_colour_is_learnt_and_nobody_elses() -> None:
     rig, frame, background = scene()
     twin = NumpyReconstructor(NumpyDevice(), rig, scenes.small_grid(), background)
@@ -143,13 +133,14 @@ def test_silhouettes_of_a_walk_match_the_truth(device: Device) -> None:
     folder = shared_data("synth_walk_8cam")
     sequence = Sequence.open(folder)
     grid = VoxelGrid.covering(np.array([-2.5, -1.0, -0.05]), np.array([2.5, 1.2, 1.95]), 0.03)
+    frames = list(sequence.frames(slice(37, 41)))
     scores = {}
     for learn in (False, True):
         config = ReconstructionConfig(
             silhouette=SilhouetteConfig(appearance=AppearanceConfig(learn=learn))
         )
         ours = Reconstructor(device, sequence.rig, grid, sequence.background, config)
-        for frame in sequence.frames(slice(37, 41)):
+        for frame in frames:
             ours(frame)
         shown = ours.silhouette.evidence.get() > 0
         truth = [

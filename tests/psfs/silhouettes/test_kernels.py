@@ -76,7 +76,7 @@ def evidence_of(ratios: np.ndarray, rig: CameraRig) -> np.ndarray:
     )
 
 
-SIZES = [(3, (50, 37)), (2, (17, 40)), (2, (161, 121))]
+SIZES = [(3, (50, 37)), (2, (161, 121))]
 
 
 @pytest.mark.parity("reconstruction/floor_light.floor_light")
@@ -95,7 +95,7 @@ def test_light_on_the_floor(device: Device, views: int, size: tuple[int, int]) -
         found = np.where(expand_cells(light & 1, found.shape), found, np.nan)
         # A cell whose factor rounding takes over a limit, and the pixels between it and the next.
         assert np.isclose(found, wanted, atol=1e-6, equal_nan=True).mean() > 0.99
-    assert (expected < 1).any() or size == (17, 40)
+    assert (expected < 1).any()
 
 
 @pytest.mark.parity("reconstruction/silhouette.log_ratio")

@@ -178,28 +178,6 @@ def test_tracks_of_nobody_or_other_frames() -> None:
         check_body(Taken(), BODY)  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize(
-    ("arrays", "message"),
-    [
-        ({}, "lacks frames; expected a track.npz"),
-        ({"frames": [0, 1]}, "holds no cones of a body; expected a track.npz"),
-        ({"frames": [0, 1], "cones": np.zeros((3, 2, 16))}, "cones has the shape"),
-        (
-            {"frames": [1, 0], "cones": np.zeros((2, 2, 16))},
-            "2 frames, 2 cones; expected some, frames asc",
-        ),
-        ({"frames": np.zeros(0, int), "cones": np.zeros((0, 2, 16))}, "0 frames, 2 cones"),
-        ({"frames": [0], "cones": np.full((1, 2, 16), 1e9)}, "cones holds 1e\\+09"),
-    ],
-)
-def test_other_files_are_refused(
-    tmp_path: Path, arrays: dict[str, np.ndarray], message: str
-) -> None:
-    np.savez(tmp_path / "track.npz", **arrays)
-    with pytest.raises(InputError, match=f"track.npz: {message}"):
-        TrackedBody.open(tmp_path)
-
-
 def test_several_people_are_one_prior(tmp_path: Path) -> None:
     (tmp_path / "people.json").touch()
     with pytest.raises(InputError, match="no person1"):

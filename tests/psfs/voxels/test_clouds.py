@@ -10,7 +10,6 @@ import trimesh
 from helpers import scenes
 from scipy import ndimage
 
-from cl import InputError
 from psfs.reference.surface import surface_voxels
 from psfs.voxels.clouds import (
     coarsen,
@@ -94,11 +93,3 @@ def test_a_coarser_cloud_covers_the_same_place() -> None:
     assert len(coarse) < len(cloud) and coarsen(cloud, 1).grid.shape == cloud.grid.shape
     assert cloud.colour is not None and coarse.colour is not None
     assert set(map(tuple, coarse.colour)) <= set(map(tuple, cloud.colour))
-
-
-@pytest.mark.parametrize("content", [b"", b"PK\x03\x04 cut short", b"something else"])
-def test_broken_files_are_named(tmp_path: Path, content: bytes) -> None:
-    path = tmp_path / "broken.npz"
-    path.write_bytes(content)
-    with pytest.raises(InputError, match=r"broken\.npz"):
-        read_cloud(path)
