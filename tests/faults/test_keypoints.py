@@ -18,10 +18,7 @@ from helpers.faults import WRONG, refused, run
 from helpers.keypoints import of_poses
 
 from apf.body.toml import load_body
-from apf.keypoints.keypoints import Keypoints
 from apf.keypoints.readers.orders import COCO_17
-from cl import InputError
-from psfs.common.names import escape_unprintable
 
 FRAMES = 4
 #: Files of a stock of keypoints, by format.
@@ -58,14 +55,6 @@ def keypoints(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def words(stock: Path, kind: str) -> list[str]:
     return ["apf", "track", str(stock / "walk"), "-o", str(stock / "new"), "--method",
             "triangulate", "--no-overlay", "--keypoints", str(stock / FILES[kind])]  # fmt: skip
-
-
-def not_opened(path: Path, said: str) -> None:
-    """Assert that what is wrong with the keypoints is said in one line."""
-    with pytest.raises(InputError) as error:
-        Keypoints.open(path, footage.rig(3))
-    line = escape_unprintable(str(error.value))
-    assert said in line and len(line) < 2000 and "\n" not in line
 
 
 @contextmanager
