@@ -16,6 +16,9 @@ from helpers import scenes
 from helpers.shared import shared_data
 
 import psfs
+from apf.synthetic.generate import generate
+from apf.synthetic.scene import SceneConfig
+from cl import Device
 from psfs.cameras.calibration.toml_tables import write_toml_tables
 from psfs.cli import main
 from psfs.diagnostics.agreement import HullAgreement
@@ -24,6 +27,8 @@ from psfs.diagnostics.fault import significant
 from psfs.diagnostics.faults import diagnose
 from psfs.sequence import Frame, Sequence
 from psfs.session import Session
+
+_LATE = 10  # frames
 
 
 class Spoilt:
@@ -36,7 +41,7 @@ class Spoilt:
         return getattr(self._sequence, name)
 
     def __len__(self) -> int:
-        return len(self._sequence)
+        return len(self._sequence) - _LATE
 
     @contextmanager
     def reader(self, learning: bool) -> Iterator[Callable[[int], Frame]]:
@@ -54,17 +59,19 @@ class Spoilt:
         elif self._kind == "black":
             images[view] = 0
         elif self._kind == "late":
-            before = self._sequence.read(max(0, index - 10)).images
-            assert before is not None
-            images[view] = before[view]
+            after = self._sequence.read(index + _LATE).images
+            assert after is not None
+            images[np.arange(len(images)) != view] = np.delete(after, view, axis=0)
         return replace(frame, images=images)
 
 
 @pytest.fixture(scope="module")
-def walk() -> Sequence:
-    """Cameras before a walk, each frame of which is decoded once."""
-    names = tuple(f"cam{number:02d}" for number in range(1, 9))
-    sequence = Sequence.open(shared_data("synth_walk_8cam"), cameras=names)
+def walk(tmp_path_factory: pytest.TempPathFactory) -> Sequence:
+    """Small pictures of a walk, each frame of which is decoded once."""
+    folder = tmp_path_factory.mktemp("sound") / "walk"
+    config = SceneConfig(cameras=6, frames=60, fps=30, size=(160, 120), seed=4)
+    generate(folder, config, Device.best())
+    sequence = Sequence.open(folder)
     sequence.read = cache(sequence.read)  # type: ignore[method-assign]
     return sequence
 
