@@ -15,7 +15,7 @@ import psfs.cli.commands
 
 ROOT = Path(__file__).parents[1]
 #: Libraries that take a while to load, and that only work needs.
-HEAVY = ("cv2", "scipy", "matplotlib", "plotly", "trimesh", "skimage", "pyopencl", "rich",
+HEAVY = ("open3d", "cv2", "scipy", "matplotlib", "plotly", "trimesh", "skimage", "pyopencl", "rich",
          "numpy", "av", "PIL", "ezc3d", "distributed", "shtab")  # fmt: skip
 PROGRAMS = [("psfs", psfs.cli.commands.COMMANDS), ("apf", apf.cli.commands.COMMANDS)]
 

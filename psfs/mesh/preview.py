@@ -1,6 +1,11 @@
-"""Silhouettes of a mesh, and drawings of it."""
+"""Silhouettes of a mesh by Open3D's rays (Embree), and drawings of it."""
 
 from __future__ import annotations
+
+import ctypes
+import os
+from functools import cache
+from typing import Any
 
 import numpy as np
 import trimesh
@@ -22,30 +27,31 @@ def draw_mesh_preview(
 
 
 def mesh_silhouette(mesh: trimesh.Trimesh, camera: Camera) -> np.ndarray:
-    """Return (h, w) bool: pixels whose centre lies in a projected triangle.
+    """Return (h, w) bool: pixels whose ray, with lens distortion, meets the mesh."""
+    open3d = load_open3d()
+    scene = open3d.t.geometry.RaycastingScene()
+    # Embree computes in float32: coordinates relative to the mesh's centre lose no precision.
+    middle = mesh.bounds.mean(0)
+    scene.add_triangles(
+        open3d.core.Tensor((mesh.vertices - middle).astype(np.float32)),
+        open3d.core.Tensor(np.asarray(mesh.faces, np.uint32)),
+    )
+    directions = camera.rays(np.indices(camera.size).reshape(2, -1).T)
+    origins = np.broadcast_to(camera.centre - middle, directions.shape)
+    rays = open3d.core.Tensor(np.concatenate([origins, directions], -1).astype(np.float32))
+    return np.asarray(scene.test_occlusions(rays).numpy().reshape(camera.size).T)
 
-    The corners are projected with lens distortion; the edges between them are straight. Triangles
-    with a corner that has no image are left out.
-    """
-    width, height = camera.size
-    pixels, depth = camera.project(mesh.vertices)
-    corners = pixels[mesh.faces][(depth[mesh.faces] > 0).all(1)]
-    # A row of pixels for each triangle and each row of the picture that it meets.
-    first = np.clip(np.ceil(corners[..., 1].min(1)), 0, height).astype(int)
-    counts = np.clip(np.floor(corners[..., 1].max(1)) + 1, first, height).astype(int) - first
-    triangle = np.repeat(np.arange(len(corners)), counts)
-    row = np.arange(len(triangle)) - np.repeat(counts.cumsum() - counts - first, counts)
-    ends = corners[triangle]
-    along = np.roll(ends, -1, axis=1) - ends
-    with np.errstate(divide="ignore", invalid="ignore"):
-        share = (row[:, None] - ends[..., 1]) / along[..., 1]
-        met = (share >= 0) & (share <= 1)
-        crossing = ends[..., 0] + share * along[..., 0]
-    left = np.where(met, crossing, np.inf).min(1, initial=np.inf)
-    right = np.where(met, crossing, -np.inf).max(1, initial=-np.inf)
-    begin = np.clip(np.ceil(left), 0, width).astype(int)
-    end = np.clip(np.floor(right) + 1, begin, width).astype(int)
-    marks = np.zeros((height, width + 1), int)
-    np.add.at(marks, (row, begin), 1)
-    np.add.at(marks, (row, end), -1)
-    return marks.cumsum(1)[:, :width] > 0
+
+@cache
+def load_open3d() -> Any:
+    """Import open3d with the libusb of the package `libusb-package`, as bare machines have none."""
+    import libusb_package
+
+    library = libusb_package.get_library_path()
+    if library:
+        ctypes.CDLL(str(library), mode=ctypes.RTLD_GLOBAL)
+    # In notebooks Open3D would start a web server and print a message.
+    os.environ.setdefault("OPEN3D_DISABLE_WEB_VISUALIZER", "true")
+    import open3d
+
+    return open3d
