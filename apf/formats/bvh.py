@@ -82,11 +82,8 @@ def make_continuous(angles: np.ndarray) -> np.ndarray:
 
     angles: (F, 3), rad.
     """
-    out = angles.copy()
-    for row in range(1, len(out)):
-        last = out[row - 1]
-        z, x, y = out[row]
-        ways = np.array([[z, x, y], [z + np.pi, np.pi - x, y + np.pi]])
-        ways -= 2 * np.pi * np.round((ways - last) / (2 * np.pi))
-        out[row] = ways[np.abs(ways - last).sum(1).argmin()]
-    return out
+    other = angles * (1, -1, 1) + np.pi
+    steps = np.stack([angles[1:], other[1:]]) - angles[:-1]
+    same, changed = np.abs(steps - 2 * np.pi * np.round(steps / (2 * np.pi))).sum(-1)
+    taken = np.append(0, np.cumsum(changed < same) % 2)[:, None]
+    return np.unwrap(np.where(taken, other, angles), axis=0)

@@ -49,7 +49,7 @@ def read_mask(path: Path) -> np.ndarray:
     """Read a mask to (h, w, 3) uint8, bright where the person is.
 
     The mask is the alpha channel where there is one that is not constant, else the brightest
-    channel. Values of 16 bits that fit into 8 are taken as they are; numbers with a point go to 1.
+    channel. Values of 16 bits that fit into 8 are taken as they are; where none is above 1, 1 is the person.
     Raises InputError as `read_picture` does, and for another depth.
     """
     picture = read_picture(path, cv2.IMREAD_UNCHANGED)
@@ -58,10 +58,10 @@ def read_mask(path: Path) -> np.ndarray:
         alpha = channels[..., -1:]
         channels = alpha if np.ptp(alpha) > 0 else channels[..., :-1]
     grey = channels.max(axis=-1, keepdims=True)
-    if grey.dtype == np.uint16:
+    if grey.min() >= 0 and grey.max() <= 1:
+        grey = np.rint(255.0 * grey)
+    elif grey.dtype == np.uint16:
         grey = grey if grey.max() < 256 else grey >> 8
-    elif np.issubdtype(grey.dtype, np.floating) and grey.min() >= 0 and grey.max() <= 1:
-        grey = np.rint(255 * grey)
     elif grey.dtype != np.uint8:
         raise InputError(f"{path}: a mask of {grey.dtype}; expected 8 or 16 bits, or 0 to 1")
     return np.repeat(grey.astype(np.uint8), 3, axis=-1)

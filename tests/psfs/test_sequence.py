@@ -120,7 +120,9 @@ def test_native_images_masks_and_one_plate(tmp_path: Path) -> None:
     assert [next(iter(media))[0, 0, 0] for media in plain.footage.background] == [50, 51]
 
 
-@pytest.mark.parametrize("kind", ["cut-out", "black outside", "8 of 16 bits", "16 bits", "palette"])
+@pytest.mark.parametrize(
+    "kind", ["cut-out", "black outside", "8 of 16 bits", "16 bits", "palette", "0 and 1"]
+)
 def test_masks_are_read_by_their_meaning(tmp_path: Path, kind: str) -> None:
     """The person is the left half: alpha says so whatever the colours, else the brightest one."""
     inside = np.zeros((48, 64), np.uint8)
@@ -131,6 +133,7 @@ def test_masks_are_read_by_their_meaning(tmp_path: Path, kind: str) -> None:
         "black outside": np.dstack([colours * (inside[..., None] > 0), inside]),
         "8 of 16 bits": inside.astype(np.uint16),
         "16 bits": inside.astype(np.uint16) * 257,
+        "0 and 1": inside // 255,
         "palette": np.dstack([inside * 0, inside * 0, inside // 255 * 128]),
     }[kind]
     rig = footage.rig(1)
