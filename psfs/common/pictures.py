@@ -49,8 +49,8 @@ def read_mask(path: Path) -> np.ndarray:
     """Read a mask to (h, w, 3) uint8, bright where the person is.
 
     The mask is the alpha channel where there is one that is not constant, else the brightest
-    channel. Values of 16 bits that fit into 8 are taken as they are; where none is above 1, 1 is the person.
-    Raises InputError as `read_picture` does, and for another depth.
+    channel. Values of 16 bits that fit into 8 are taken as they are; where none is above 1, 1 is
+    the person. Raises InputError as `read_picture` does, and for another depth.
     """
     picture = read_picture(path, cv2.IMREAD_UNCHANGED)
     channels = picture.reshape(*picture.shape[:2], -1)
