@@ -415,10 +415,9 @@ def describe_user_error(error: Exception) -> str | None:
     if isinstance(error, UserError):
         return str(error)
     if isinstance(error, OSError) and error.errno is not None:
-        where = (
-            f"{os.fsdecode(error.filename)}: " if isinstance(error.filename, str | bytes) else ""
-        )
-        return f"{where}cannot be read or written: {error.strerror}"
+        named = isinstance(error.filename, str | bytes)
+        where = os.fsdecode(error.filename) if named else "standard output, or a file"
+        return f"{where}: cannot be read or written: {error.strerror}"
     short = "not enough memory; expected fewer or larger voxels, smaller pictures or fewer frames"
     if isinstance(error, MemoryError):
         return short

@@ -38,12 +38,14 @@ from psfs.volume import describe_expected_person
 from psfs.voxels.body_prior import TrackedBody
 from psfs.voxels.clouds import remove_debris, write_cloud
 from psfs.voxels.grid import VoxelCloud, VoxelGrid
-from psfs.voxels.occupied_box import finest_pixel
+from psfs.voxels.occupied_box import PEOPLE_VOXEL, finest_pixel
 
 #: Seconds between two writes of the summary during a run.
 _SUMMARY_EVERY = 1.0
 #: Frames whose silhouettes are compared with the volume.
 _COMPARED = 8
+#: Least volume of somebody who stands, litres: what a child of a year weighs, kg.
+_LEAST_PERSON = 9.0
 #: A warning is given if voxels are smaller than a pixel by more than this factor.
 _FINE = 2.0
 
@@ -97,6 +99,14 @@ def _reconstruct(request: ReconstructRequest, out: OutputFolder) -> None:
             f"expected {describe_expected_person(sequence)}"
         )
     job.report()
+    litres = max(frame["volume_m3"] for frame in job.done) * 1e3
+    people = sequence.subject != "object" and grid.voxel_size >= PEOPLE_VOXEL
+    if litres < _LEAST_PERSON and people and sequence.volume is None:
+        raise InputError(
+            f"{sequence.folder}: at most {litres:.2g} litres stand out; a person has "
+            f"{_LEAST_PERSON:g} or more. Do pictures of the background show the person, too? For a "
+            "part or an object, state --volume or --subject object"
+        )
 
 
 def _warn_of_fine_voxels(grid: VoxelGrid, sequence: Sequence) -> None:

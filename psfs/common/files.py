@@ -3,6 +3,7 @@ renamed."""
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import shutil
@@ -146,7 +147,8 @@ def _unwritten_error(path: Path, temporary: Path, error: OSError) -> InputError:
     named = Path(os.fsdecode(error.filename)) if isinstance(error.filename, str | bytes) else path
     if named in path.parents and isinstance(error, FileExistsError | NotADirectoryError):
         return InputError(f"{path}: cannot be written: {named} is a file; expected a folder")
-    if named not in (path, temporary, *path.parents):
+    full = error.errno in (errno.ENOSPC, errno.EFBIG, errno.EDQUOT)  # never of what is read
+    if named not in (path, temporary, *path.parents) and not full:
         return unreadable_error(named, error)
     return InputError(f"{path}: cannot be written: {error.strerror or error}")
 

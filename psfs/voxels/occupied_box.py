@@ -15,7 +15,7 @@ from psfs.voxels.grid import VoxelGrid
 
 #: Least distance, m, of the cameras from the middle for a rig that films people; edge, m, of a
 #: voxel for them, and the greatest number of voxels along the longest side.
-_PEOPLE_DISTANCE, _PEOPLE_VOXEL, _FINEST = 1.5, 0.02, 400
+_PEOPLE_DISTANCE, PEOPLE_VOXEL, _FINEST = 1.5, 0.02, 400
 #: Number of voxels along the longest side for objects.
 _FINE = 150
 #: Height, m, below which the search ignores everything, for rigs that film people.
@@ -31,7 +31,7 @@ def default_voxel_size(
     distance = np.median(np.linalg.norm(rig.centres - middle, axis=1))
     longest = float(np.max(np.asarray(high) - low))
     if distance >= _PEOPLE_DISTANCE and not objects:
-        return max(_PEOPLE_VOXEL, longest / _FINEST)
+        return max(PEOPLE_VOXEL, longest / _FINEST)
     return longest / _FINE
 
 
