@@ -15,7 +15,7 @@ import scipy
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.names import join_names
 from psfs.diagnostics.agreement import RIM, CameraAgreement
-from psfs.diagnostics.fault import Evidence, Fault, FaultKind, significant
+from psfs.diagnostics.fault import Evidence, Fault, significant
 from psfs.diagnostics.tangency import CAP, PairSums, Tangency
 
 #: Conventions of other programs' calibrations: camera to world instead of world to camera; the
@@ -49,41 +49,37 @@ class _Trial:
     after: PairSums
 
 
-class Rearranged(FaultKind):
-    """Pictures that fit the cameras only exchanged or flipped, and calibrations that fit only in
-    another convention or with another lens: the explanation that leaves the least misfit.
+def find_rearranged(evidence: Evidence) -> Iterator[Fault]:
+    """Yield pictures that fit the cameras only exchanged or flipped, and calibrations that fit only
+    in another convention or with another lens: the explanation that leaves the least misfit.
 
     Statistic: the share of the misfit of the changed cameras that the explanation removes, by
     stretches of frames; it must be above `_LEAST_GAIN` by a t test. It must explain more than
     late cameras do and, if it changes all cameras, more than a single one that is wrong.
     """
-
-    kind = "exchange"
-
-    def find(self, evidence: Evidence) -> Iterator[Fault]:
-        tangency = evidence.tangency
-        before = tangency.compare()
-        if len(evidence.sound) < 2 or not math.isfinite(before.cost):
-            return
-        late = evidence.offsets.any()
-        tried = [*_try_flips(evidence, before), *_try_conventions(evidence)]
-        order = _find_order(evidence, before)
-        if order != list(range(len(order))):
-            tried.append(_describe_exchange(evidence.names, order, tangency.compare(order)))
-        elif not late:
-            tried += _try_lenses(evidence)
-        rate = evidence.config.false_alarms / len(tried)
-        alone = min((before.without(v) for v in evidence.sound), default=np.inf)
-        least = (1 - _LEAST_GAIN) * (evidence.in_time.cost if late else np.inf)
-        fitting = [
-            trial
-            for trial in tried
-            if significant(before.measure_gain(trial.after, trial.views), _LEAST_GAIN, rate)
-            and trial.after.cost < least
-            and not (len(trial.views) > 2 and trial.after.cost > (1 - _LEAST_GAIN) * alone)
-        ]
-        if fitting:
-            yield min(fitting, key=lambda trial: trial.after.cost).fault
+    tangency = evidence.tangency
+    before = tangency.compare()
+    if len(evidence.sound) < 2 or not math.isfinite(before.cost):
+        return
+    late = evidence.offsets.any()
+    tried = [*_try_flips(evidence, before), *_try_conventions(evidence)]
+    order = _find_order(evidence, before)
+    if order != list(range(len(order))):
+        tried.append(_describe_exchange(evidence.names, order, tangency.compare(order)))
+    elif not late:
+        tried += _try_lenses(evidence)
+    rate = evidence.config.false_alarms / len(tried)
+    alone = min((before.without(v) for v in evidence.sound), default=np.inf)
+    least = (1 - _LEAST_GAIN) * (evidence.in_time.cost if late else np.inf)
+    fitting = [
+        trial
+        for trial in tried
+        if significant(before.measure_gain(trial.after, trial.views), _LEAST_GAIN, rate)
+        and trial.after.cost < least
+        and not (len(trial.views) > 2 and trial.after.cost > (1 - _LEAST_GAIN) * alone)
+    ]
+    if fitting:
+        yield min(fitting, key=lambda trial: trial.after.cost).fault
 
 
 def _find_order(evidence: Evidence, before: PairSums) -> list[int]:
@@ -199,27 +195,23 @@ def _scale(camera: Camera, factor: float) -> Camera:
     return replace(camera, K=K)
 
 
-class Late(FaultKind):
-    """A camera whose pictures come late or early.
+def find_late(evidence: Evidence) -> Iterator[Fault]:
+    """Yield a camera whose pictures come late or early.
 
     Statistic: the offset by `psfs.footage.camera_times`, see `Evidence.offsets`.
     """
-
-    kind = "late"
-
-    def find(self, evidence: Evidence) -> Iterator[Fault]:
-        for view in np.flatnonzero(evidence.offsets):
-            name, by = evidence.names[view], int(evidence.offsets[view])
-            text = (
-                f"camera {name} comes about {abs(by)} frames {'late' if by > 0 else 'early'} "
-                f"({abs(by) / evidence.sequence.fps:.2g} s, to "
-                f"{evidence.times.sigmas[view]:.1f} frames); --sync auto shifts it"
-            )
-            yield Fault("late", (name,), text, by)
+    for view in np.flatnonzero(evidence.offsets):
+        name, by = evidence.names[view], int(evidence.offsets[view])
+        text = (
+            f"camera {name} comes about {abs(by)} frames {'late' if by > 0 else 'early'} "
+            f"({abs(by) / evidence.sequence.fps:.2g} s, to "
+            f"{evidence.times.sigmas[view]:.1f} frames); --sync auto shifts it"
+        )
+        yield Fault("late", (name,), text, by)
 
 
-class Disagreeing(FaultKind):
-    """Cameras whose silhouettes do not fit those of the others.
+def find_disagreeing(evidence: Evidence) -> Iterator[Fault]:
+    """Yield cameras whose silhouettes do not fit those of the others.
 
     Statistic: by how much the share of the others' silhouettes that lies outside their common hull
     falls if the camera is left out, by frames; it must surely fall to less than half. Needs four
@@ -227,32 +219,28 @@ class Disagreeing(FaultKind):
     silhouettes lies within the hull, or the extreme planes differ as those of strangers do, none
     agree.
     """
-
-    kind = "disagrees"
-
-    def find(self, evidence: Evidence) -> Iterator[Fault]:
-        views = evidence.sound
-        while len(views) >= 2:
-            agreement = evidence.agreement.measure(views)
-            number, gains = find_outlier(agreement)
-            most = len(evidence.names) // 3
-            accused = len(evidence.sound) - len(views)
-            if (
-                len(views) < 4
-                or accused >= most
-                or not significant(gains, math.log(2), evidence.config.false_alarms)
-            ):
-                break
-            yield _accuse(evidence, views[number], agreement, number)
-            views = [view for view in views if view != views[number]]
-        else:
-            return
-        rows = agreement.own[np.isfinite(agreement.own).any(axis=1)]
-        beside = np.nanmedian(rows, axis=1)
-        misfits = evidence.tangency.compare().blocks / CAP
-        rate = evidence.config.false_alarms
-        if significant(beside, _BESIDE, rate) or significant(misfits, _MISFIT, rate):
-            yield _explain_disagreement(evidence, float(np.mean(beside)) if len(beside) else 1.0)
+    views = evidence.sound
+    while len(views) >= 2:
+        agreement = evidence.agreement.measure(views)
+        number, gains = find_outlier(agreement)
+        most = len(evidence.names) // 3
+        accused = len(evidence.sound) - len(views)
+        if (
+            len(views) < 4
+            or accused >= most
+            or not significant(gains, math.log(2), evidence.config.false_alarms)
+        ):
+            break
+        yield _accuse(evidence, views[number], agreement, number)
+        views = [view for view in views if view != views[number]]
+    else:
+        return
+    rows = agreement.own[np.isfinite(agreement.own).any(axis=1)]
+    beside = np.nanmedian(rows, axis=1)
+    misfits = evidence.tangency.compare().blocks / CAP
+    rate = evidence.config.false_alarms
+    if significant(beside, _BESIDE, rate) or significant(misfits, _MISFIT, rate):
+        yield _explain_disagreement(evidence, float(np.mean(beside)) if len(beside) else 1.0)
 
 
 def find_outlier(agreement: CameraAgreement) -> tuple[int, np.ndarray]:

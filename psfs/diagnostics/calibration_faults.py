@@ -10,7 +10,7 @@ import numpy as np
 from psfs.cameras.camera import CameraRig
 from psfs.cameras.distortion import undistort
 from psfs.cameras.units import metres_per_unit
-from psfs.diagnostics.fault import Evidence, Fault, FaultKind
+from psfs.diagnostics.fault import Evidence, Fault
 
 #: A camera has another unit, or another world, if it is this many times as far from the others as
 #: they are from each other.
@@ -29,21 +29,17 @@ _STANDING = (1.1, 2.1)
 _IMPERIAL = {0.0254: "inches", 0.3048: "feet"}
 
 
-class Calibration(FaultKind):
-    """A camera that cannot be: a focal length in mm instead of pixels, a lens that forms no
+def find_wrong_calibration(evidence: Evidence) -> Iterator[Fault]:
+    """Yield a camera that cannot be: a focal length in mm instead of pixels, a lens that forms no
     picture, or a place in another unit than the others'. No statistic: the limits are of optics."""
-
-    kind = "calibration"
-
-    def find(self, evidence: Evidence) -> Iterator[Fault]:
-        names = evidence.names
-        if len(names) == 1:
-            text = (
-                f"camera {names[0]} is the only one, which gives no depth: its silhouette extends "
-                "to the end of the volume; expected two or more"
-            )
-            yield Fault("calibration", (names[0],), text)
-        yield from find_rig_faults(evidence.sequence.rig)
+    names = evidence.names
+    if len(names) == 1:
+        text = (
+            f"camera {names[0]} is the only one, which gives no depth: its silhouette extends "
+            "to the end of the volume; expected two or more"
+        )
+        yield Fault("calibration", (names[0],), text)
+    yield from find_rig_faults(evidence.sequence.rig)
 
 
 def find_rig_faults(rig: CameraRig) -> list[Fault]:
@@ -109,31 +105,25 @@ def _find_far_camera(rig: CameraRig) -> list[Fault]:
     return [Fault("calibration", (rig.names[view],), text)]
 
 
-class Unit(FaultKind):
-    """A unit that is wrong by a power of ten. Statistic: the person's size, which is that of
+def find_wrong_unit(evidence: Evidence) -> Iterator[Fault]:
+    """Yield a unit that is wrong by a power of ten. Statistic: the person's size, which is that of
     people."""
-
-    kind = "unit"
-
-    def find(self, evidence: Evidence) -> Iterator[Fault]:
-        sequence, size = evidence.sequence, evidence.tangency.size
-        disagree = any(f.kind in ("calibration", "disagrees", "convention") for f in evidence.known)
-        sound = not size > 0 or PERSON[0] <= size <= PERSON[1]
-        if sequence.settings.subject == "object" or sound or disagree:
-            return
-        power = round(math.log10(1.3 / size))
-        now = metres_per_unit(sequence.unit)
-        names = {1.0: "m", 0.01: "cm", 0.001: "mm"}
-        likely = names.get(float(f"{now * 10.0**power:.6g}"), f"{now * 10.0**power:.3g}")
-        wrong, unit = f"wrong by {10 ** abs(power):,}", likely
-        for metres, name in _IMPERIAL.items():
-            imperial, decimal = size * metres / now, size * 10.0**power
-            if _STANDING[0] < imperial < _STANDING[1] and not (
-                _STANDING[0] < decimal < _STANDING[1]
-            ):
-                wrong, unit, likely = "wrong", name, f"{metres:g}"
-        text = (
-            f"a person would be about {size:.3g} m tall: the unit is {wrong}; it looks like {unit}:"
-            f" --unit {likely} (or --subject object, if it is no person)"
-        )
-        yield Fault(self.kind, (), text)
+    sequence, size = evidence.sequence, evidence.tangency.size
+    disagree = any(f.kind in ("calibration", "disagrees", "convention") for f in evidence.known)
+    sound = not size > 0 or PERSON[0] <= size <= PERSON[1]
+    if sequence.settings.subject == "object" or sound or disagree:
+        return
+    power = round(math.log10(1.3 / size))
+    now = metres_per_unit(sequence.unit)
+    names = {1.0: "m", 0.01: "cm", 0.001: "mm"}
+    likely = names.get(float(f"{now * 10.0**power:.6g}"), f"{now * 10.0**power:.3g}")
+    wrong, unit = f"wrong by {10 ** abs(power):,}", likely
+    for metres, name in _IMPERIAL.items():
+        imperial, decimal = size * metres / now, size * 10.0**power
+        if _STANDING[0] < imperial < _STANDING[1] and not (_STANDING[0] < decimal < _STANDING[1]):
+            wrong, unit, likely = "wrong", name, f"{metres:g}"
+    text = (
+        f"a person would be about {size:.3g} m tall: the unit is {wrong}; it looks like {unit}:"
+        f" --unit {likely} (or --subject object, if it is no person)"
+    )
+    yield Fault("unit", (), text)

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import math
-from abc import ABC, abstractmethod
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import ClassVar
 
 import numpy as np
 import scipy
@@ -119,20 +117,6 @@ class Evidence:
             for frame in range(n)
         ]
         return Tangency(self.rig, shifted).compare()
-
-
-class FaultKind(ABC):
-    """A kind of fault: how it is tested and what is said about it.
-
-    kind: its word. Tests accuse a camera only if footage without this fault would be accused with
-    a probability of at most `FaultConfig.false_alarms`.
-    """
-
-    kind: ClassVar[str]
-
-    @abstractmethod
-    def find(self, evidence: Evidence) -> Iterator[Fault]:
-        """Yield the faults of this kind."""
 
 
 def significant(samples: np.ndarray, least: float, rate: float) -> bool:

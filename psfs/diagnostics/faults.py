@@ -2,22 +2,31 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
-from psfs.diagnostics.arrangement_faults import Disagreeing, Late, Rearranged
-from psfs.diagnostics.calibration_faults import Calibration, Unit
+from psfs.diagnostics.arrangement_faults import find_disagreeing, find_late, find_rearranged
+from psfs.diagnostics.calibration_faults import find_wrong_calibration, find_wrong_unit
 from psfs.diagnostics.config import FaultConfig
-from psfs.diagnostics.fault import Evidence, Fault, FaultKind
-from psfs.diagnostics.picture_faults import Background, Cut, Empty, Flicker, Repeated
+from psfs.diagnostics.fault import Evidence, Fault
+from psfs.diagnostics.picture_faults import (
+    find_cut,
+    find_empty,
+    find_flicker,
+    find_repeated,
+    find_wrong_background,
+)
 from psfs.diagnostics.small_views import SmallViews, small_views
 from psfs.session import Session
 
-#: All kinds, in the order in which they are tested: later ones leave out the cameras whose pictures
-#: earlier ones found to show nothing.
-KINDS: tuple[FaultKind, ...] = (
-    *(Calibration(), Empty(), Repeated(), Background(), Flicker()),
-    *(Rearranged(), Late(), Disagreeing(), Unit(), Cut()),
+#: The tests of all kinds, in their order: later ones leave out the cameras whose pictures earlier
+#: ones found to show nothing. Each accuses footage without its fault with a probability of at most
+#: `FaultConfig.false_alarms`.
+TESTS: tuple[Callable[[Evidence], Iterator[Fault]], ...] = (
+    *(find_wrong_calibration, find_empty, find_repeated, find_wrong_background, find_flicker),
+    *(find_rearranged, find_late, find_disagreeing, find_wrong_unit, find_cut),
 )
+_COMPARING = (find_rearranged, find_late, find_disagreeing)
 #: Faults that invalidate those of single cameras, and faults that leaving out cannot mend.
 _REARRANGED = ("exchange", "flipped", "convention")
 _OF_ALL = (*_REARRANGED, "unit")
@@ -71,10 +80,10 @@ def _find_faults(session: Session) -> Diagnosis:
     config = FaultConfig()
     views = small_views(session.sequence, session.device, config)
     evidence = Evidence(session.sequence, views, config)
-    for kind in KINDS:
-        if isinstance(kind, Rearranged | Late | Disagreeing) and _is_incomparable(evidence):
+    for test in TESTS:
+        if test in _COMPARING and _is_incomparable(evidence):
             continue
-        for fault in list(kind.find(evidence)):
+        for fault in list(test(evidence)):
             evidence.add(fault)
     rearranged = [fault for fault in evidence.known if fault.kind in _REARRANGED]
     faults = rearranged[:1] or sorted(evidence.known, key=lambda fault: not fault.spoils)

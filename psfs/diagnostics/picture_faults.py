@@ -10,7 +10,7 @@ import numpy as np
 
 from psfs.cameras.names import join_names
 from psfs.common.numbers import find_true_runs
-from psfs.diagnostics.fault import Evidence, Fault, FaultKind, significant
+from psfs.diagnostics.fault import Evidence, Fault, significant
 from psfs.volume import describe_expected_person
 
 #: Standard deviation of a picture, grey levels, that the noise of a sensor has: it shows nothing.
@@ -34,46 +34,42 @@ _MOVED = 0.3
 _CROSS = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
 
 
-class Empty(FaultKind):
-    """Pictures that show no person: of one brightness, foreground all over, or nobody in any.
+def find_empty(evidence: Evidence) -> Iterator[Fault]:
+    """Yield pictures that show no person: of one brightness, foreground all over, or nobody in any.
 
     Statistic: the pictures' deviation beside a sensor's noise; the median share of foreground;
     outlines in two other cameras and none in this one.
     """
-
-    kind = "empty"
-
-    def find(self, evidence: Evidence) -> Iterator[Fault]:
-        views, sequence = evidence.views, evidence.sequence
-        shares = np.median(views.foreground, axis=0)
-        seen = np.array([[outline is not None for outline in row] for row in views.outlines])
-        for view, (camera, name) in enumerate(zip(evidence.rig, evidence.names, strict=True)):
-            width, height = camera.size
-            if views.pictures is not None and (views.typical[view, :height, :width].std() < _NOISE):
-                text = (
-                    f"camera {name}: its pictures are of one brightness and show nothing; was its "
-                    "lens covered, or its signal lost? Leave it out (--cameras)"
-                )
-                yield Fault(self.kind, (name,), text, spoils=True)
-            elif shares[view] > _FILLED and _judges_silhouettes(evidence):
-                why = "noise, changed light, or a background that is not this camera's?"
-                if sequence.background_kind == "masks":
-                    why = "are its masks' black and white exchanged? Expected 255 for the person"
-                text = f"camera {name}: {shares[view]:.0%} of its picture looks like foreground"
-                yield Fault(self.kind, (name,), f"{text}; {why}", spoils=True)
-            elif seen.any(0).sum() >= 2 and not seen[:, view].any():
-                text = (
-                    f"camera {name} shows nobody in {len(views.frames)} frames, others do; is it "
-                    "turned elsewhere, or does furniture stand before it?"
-                )
-                yield Fault(self.kind, (name,), text, spoils=True)
-        if not seen.any():
+    views, sequence = evidence.views, evidence.sequence
+    shares = np.median(views.foreground, axis=0)
+    seen = np.array([[outline is not None for outline in row] for row in views.outlines])
+    for view, (camera, name) in enumerate(zip(evidence.rig, evidence.names, strict=True)):
+        width, height = camera.size
+        if views.pictures is not None and (views.typical[view, :height, :width].std() < _NOISE):
             text = (
-                f"nothing stands out from the background in {len(views.frames)} frames; expected "
-                f"{describe_expected_person(sequence)}"
+                f"camera {name}: its pictures are of one brightness and show nothing; was its "
+                "lens covered, or its signal lost? Leave it out (--cameras)"
             )
-            # The reconstruction itself stops if no frame shows a person.
-            yield Fault(self.kind, (), text, serious=False)
+            yield Fault("empty", (name,), text, spoils=True)
+        elif shares[view] > _FILLED and _judges_silhouettes(evidence):
+            why = "noise, changed light, or a background that is not this camera's?"
+            if sequence.background_kind == "masks":
+                why = "are its masks' black and white exchanged? Expected 255 for the person"
+            text = f"camera {name}: {shares[view]:.0%} of its picture looks like foreground"
+            yield Fault("empty", (name,), f"{text}; {why}", spoils=True)
+        elif seen.any(0).sum() >= 2 and not seen[:, view].any():
+            text = (
+                f"camera {name} shows nobody in {len(views.frames)} frames, others do; is it "
+                "turned elsewhere, or does furniture stand before it?"
+            )
+            yield Fault("empty", (name,), text, spoils=True)
+    if not seen.any():
+        text = (
+            f"nothing stands out from the background in {len(views.frames)} frames; expected "
+            f"{describe_expected_person(sequence)}"
+        )
+        # The reconstruction itself stops if no frame shows a person.
+        yield Fault("empty", (), text, serious=False)
 
 
 def _judges_silhouettes(evidence: Evidence) -> bool:
@@ -83,82 +79,76 @@ def _judges_silhouettes(evidence: Evidence) -> bool:
     return evidence.views.backgrounds is not None
 
 
-class Repeated(FaultKind):
-    """Pictures of a camera that repeat: those of another camera, or its own while its view changes.
+def find_repeated(evidence: Evidence) -> Iterator[Fault]:
+    """Yield pictures of a camera that repeat: those of another camera, or its own while its view
+    changes.
 
     Statistic: equality to the bit of two cameras; the longest stretch of frames in which no pixel
     changes by more than a codec's noise, and by how much the hull of the other cameras moves in
     this camera's picture meanwhile. Who is elsewhere or stands still moves nothing there.
     """
-
-    kind = "repeats"
-
-    def find(self, evidence: Evidence) -> Iterator[Fault]:
-        views, names = evidence.views, evidence.names
-        if views.pictures is not None:
-            for a, b in combinations(evidence.sound, 2):
-                if (views.pictures[:, a] == views.pictures[:, b]).all():
-                    text = (
-                        f"cameras {names[a]} and {names[b]} show the very same pictures; one is a "
-                        "copy of the other's: leave it out (--cameras)"
-                    )
-                    yield Fault(self.kind, (names[a], names[b]), text)
-        if len(evidence.sound) < 3:
-            return
-        for view in evidence.sound:
-            still = views.changes[1:, view] == 0
-            runs = [slice(run.start, run.stop + 1) for run in find_true_runs(still)]
-            hang = max(runs, key=lambda run: run.stop - run.start, default=slice(0, 0))
-            if self._measure_motion(evidence, view, hang) > _MOVED:
-                first, last = views.frames[hang.start], views.frames[hang.stop - 1]
-                where = f"frames {first} to {last}"
-                if hang.stop - hang.start == len(views.frames):
-                    where = "all frames"
+    views, names = evidence.views, evidence.names
+    if views.pictures is not None:
+        for a, b in combinations(evidence.sound, 2):
+            if (views.pictures[:, a] == views.pictures[:, b]).all():
                 text = (
-                    f"camera {names[view]} shows the same picture in {where}, while the others "
-                    "see motion in its view; its recording hangs: leave it out (--cameras)"
+                    f"cameras {names[a]} and {names[b]} show the very same pictures; one is a "
+                    "copy of the other's: leave it out (--cameras)"
                 )
-                yield Fault(self.kind, (names[view],), text)
+                yield Fault("repeats", (names[a], names[b]), text)
+    if len(evidence.sound) < 3:
+        return
+    for view in evidence.sound:
+        still = views.changes[1:, view] == 0
+        runs = [slice(run.start, run.stop + 1) for run in find_true_runs(still)]
+        hang = max(runs, key=lambda run: run.stop - run.start, default=slice(0, 0))
+        if _measure_motion(evidence, view, hang) > _MOVED:
+            first, last = views.frames[hang.start], views.frames[hang.stop - 1]
+            where = f"frames {first} to {last}"
+            if hang.stop - hang.start == len(views.frames):
+                where = "all frames"
+            text = (
+                f"camera {names[view]} shows the same picture in {where}, while the others "
+                "see motion in its view; its recording hangs: leave it out (--cameras)"
+            )
+            yield Fault("repeats", (names[view],), text)
 
-    def _measure_motion(self, evidence: Evidence, view: int, hang: slice) -> float:
-        """Return the share of the hull of the other cameras that changes in a camera's picture
-        during a stretch of frames: the least of its halves, since somebody who passes once tells
-        little."""
-        numbers = evidence.views.samples[evidence.agreement.samples] - evidence.views.frames.start
-        inside = np.flatnonzero((numbers >= hang.start) & (numbers < hang.stop))
-        if len(inside) < 3:
-            return 0.0
-        ends = [
-            evidence.agreement.expect(int(k), view, evidence.sound)
-            for k in (inside[0], inside[len(inside) // 2], inside[-1])
-        ]
-        if not all(end.any() for end in ends):
-            return 0.0
-        moves = [(a ^ b).sum() / (a | b).sum() for a, b in combinations(ends, 2)]
-        return float(max(moves))
+
+def _measure_motion(evidence: Evidence, view: int, hang: slice) -> float:
+    """Return the share of the hull of the other cameras that changes in a camera's picture
+    during a stretch of frames: the least of its halves, since somebody who passes once tells
+    little."""
+    numbers = evidence.views.samples[evidence.agreement.samples] - evidence.views.frames.start
+    inside = np.flatnonzero((numbers >= hang.start) & (numbers < hang.stop))
+    if len(inside) < 3:
+        return 0.0
+    ends = [
+        evidence.agreement.expect(int(k), view, evidence.sound)
+        for k in (inside[0], inside[len(inside) // 2], inside[-1])
+    ]
+    if not all(end.any() for end in ends):
+        return 0.0
+    moves = [(a ^ b).sum() / (a | b).sum() for a, b in combinations(ends, 2)]
+    return float(max(moves))
 
 
-class Background(FaultKind):
-    """A background that is not that of the pictures: of another view, flipped, shifted since the
-    camera was knocked, or with a person in it.
+def find_wrong_background(evidence: Evidence) -> Iterator[Fault]:
+    """Yield a background that is not that of the pictures: of another view, flipped, shifted since
+    the camera was knocked, or with a person in it.
 
     Statistics: the correlation of the typical picture with the background; the shift of the edges
     by phase correlation; the ratio of the edges around what stays foreground, in the background
     and in each picture, by a t test.
     """
-
-    kind = "background"
-
-    def find(self, evidence: Evidence) -> Iterator[Fault]:
-        if evidence.views.pictures is None or evidence.views.backgrounds is None:
-            return
-        if evidence.sequence.footage.background:
-            yield from _find_other_views(evidence)
-        for view in evidence.sound:
-            text = _find_knock(evidence, view) or _find_person(evidence, view)
-            if text:
-                name = evidence.names[view]
-                yield Fault(self.kind, (name,), f"camera {name}: {text}")
+    if evidence.views.pictures is None or evidence.views.backgrounds is None:
+        return
+    if evidence.sequence.footage.background:
+        yield from _find_other_views(evidence)
+    for view in evidence.sound:
+        text = _find_knock(evidence, view) or _find_person(evidence, view)
+        if text:
+            name = evidence.names[view]
+            yield Fault("background", (name,), f"camera {name}: {text}")
 
 
 def _find_other_views(evidence: Evidence) -> Iterator[Fault]:
@@ -295,40 +285,32 @@ def _find_person(evidence: Evidence, view: int) -> str:
     return ""
 
 
-class Flicker(FaultKind):
-    """Light that changes from frame to frame. Statistic: the change of the brightness outside the
-    silhouettes, by a t test."""
-
-    kind = "flicker"
-
-    def find(self, evidence: Evidence) -> Iterator[Fault]:
-        for view in evidence.sound:
-            changes = np.abs(np.diff(evidence.views.gain[:, view]))
-            typical = np.minimum(changes, 2 * np.median(changes))  # one lamp that is switched on
-            if significant(typical, _FLICKER, evidence.config.false_alarms):
-                name = evidence.names[view]
-                text = (
-                    f"camera {name} flickers: its brightness changes by {typical.mean():.0%} from "
-                    "frame to frame; fix exposure and gain, match the shutter to the lamps"
-                )
-                yield Fault(self.kind, (name,), text)
-
-
-class Cut(FaultKind):
-    """A note on cameras beyond whose pictures the person reaches in most frames."""
-
-    kind = "cut"
-
-    def find(self, evidence: Evidence) -> Iterator[Fault]:
-        cut = []
-        for view in evidence.sound:
-            outlines = [row[view] for row in evidence.views.outlines]
-            at_border = [one.at_border.any() for one in outlines if one is not None]
-            if at_border and np.mean(at_border) > 0.5:
-                cut.append(evidence.names[view])
-        if cut:
+def find_flicker(evidence: Evidence) -> Iterator[Fault]:
+    """Yield light that changes from frame to frame. Statistic: the change of the brightness outside
+    the silhouettes, by a t test."""
+    for view in evidence.sound:
+        changes = np.abs(np.diff(evidence.views.gain[:, view]))
+        typical = np.minimum(changes, 2 * np.median(changes))  # one lamp that is switched on
+        if significant(typical, _FLICKER, evidence.config.false_alarms):
+            name = evidence.names[view]
             text = (
-                f"what is filmed reaches beyond the pictures of {join_names(cut)} in most frames; "
-                "parts that too few cameras see are not reconstructed"
+                f"camera {name} flickers: its brightness changes by {typical.mean():.0%} from "
+                "frame to frame; fix exposure and gain, match the shutter to the lamps"
             )
-            yield Fault(self.kind, tuple(cut), text, serious=False)
+            yield Fault("flicker", (name,), text)
+
+
+def find_cut(evidence: Evidence) -> Iterator[Fault]:
+    """Yield a note on cameras beyond whose pictures the person reaches in most frames."""
+    cut = []
+    for view in evidence.sound:
+        outlines = [row[view] for row in evidence.views.outlines]
+        at_border = [one.at_border.any() for one in outlines if one is not None]
+        if at_border and np.mean(at_border) > 0.5:
+            cut.append(evidence.names[view])
+    if cut:
+        text = (
+            f"what is filmed reaches beyond the pictures of {join_names(cut)} in most frames; "
+            "parts that too few cameras see are not reconstructed"
+        )
+        yield Fault("cut", tuple(cut), text, serious=False)
