@@ -81,11 +81,9 @@ def _show(rows: list[dict[str, Any]]) -> None:
 
 def _draw(rows: list[dict[str, Any]], path: Path) -> None:
     """Draw the times as bars, logarithmic."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9, 0.8 + 0.5 * len(rows)), layout="constrained")
-    FigureCanvasAgg(figure)
     axes = figure.add_subplot()
     ms = [row["ms"] for row in rows]
     bars = axes.barh([row["program"] for row in rows], ms, color="tab:blue")

@@ -24,6 +24,7 @@ from apf.report.summary import read_summary
 from apf.tracking.take import Take
 from apf.tracking.track import Track
 from psfs.common.files import open_text, resolve_path, write_picture, write_text
+from psfs.common.numbers import json_number, mean_known
 
 LOGS = "logs"
 #: The files of the overview.
@@ -87,8 +88,8 @@ class TakeRow:
             seconds=round(float(np.ptp(track.times)) + 1 / track.fps, 3),
             lost_frames=int(track.lost.sum()),
             limbs=", ".join(limbs),
-            confidence=_mean(track.confidence),
-            misfit=_mean(track.diagnostics.get("misfit", np.array([np.nan]))),
+            confidence=json_number(mean_known(track.confidence), 3),
+            misfit=json_number(mean_known(track.diagnostics.get("misfit", np.zeros(0))), 3),
             height=round(stature(take.body), 3) if is_whole(take.body) else None,
             mean_error=round(1000 * evaluation.mean_error, 1) if evaluation else None,
             finished=f"{datetime.now(timezone.utc):%Y-%m-%d %H:%M:%S}",
@@ -198,8 +199,3 @@ def write_thumbnail(folder: Path, take: Take, track: Track) -> None:
     height = round(picture.shape[0] * _WIDTH / picture.shape[1])
     small = cv2.resize(picture, (_WIDTH, height), interpolation=cv2.INTER_AREA)
     write_picture(folder / THUMBNAIL, small)
-
-
-def _mean(values: np.ndarray) -> float | None:
-    known = values[np.isfinite(values)]
-    return round(float(known.mean()), 3) if known.size else None

@@ -19,7 +19,7 @@ from apf.tracking.track import Track
 from apf.tracking.uncertainty import is_inside_ellipsoid
 from cl import InputError
 from psfs.common.files import write_json
-from psfs.common.numbers import find_true_runs, json_number
+from psfs.common.numbers import find_true_runs, json_number, mean_known
 
 #: A joint farther than this from the truth, m, counts as lost in that frame.
 LOST_JOINT = 0.150
@@ -133,7 +133,7 @@ class Evaluation:
         """Share of joint-frames within their 95 % ellipsoids, of those whose limb the track does
         not report as lost; NaN if it reports no covariance."""
         known = np.isfinite(self.inside) & ~self.flagged & ~self.lost[:, None]
-        return float(self.inside[known].mean()) if known.any() else float("nan")
+        return mean_known(self.inside[known])
 
     @cached_property
     def flags(self) -> FlagCounts:
@@ -168,7 +168,7 @@ class Evaluation:
         return [
             {"joint": name}
             | {key: json_number(1000 * column[j], 2) for key, column in columns.items()}
-            | {"inside_95": _mean_share(self.inside[:, j])}
+            | {"inside_95": json_number(mean_known(self.inside[:, j]))}
             for j, name in enumerate(self.joint_names)
         ]
 
@@ -188,7 +188,7 @@ class Evaluation:
             },
             "limbs_beyond_200_mm_flagged": json_number(self.flags.found),
             "limbs_within_150_mm_flagged": json_number(self.flags.falsely),
-            "inside_95": _mean_share(self.inside),
+            "inside_95": json_number(mean_known(self.inside)),
             "inside_95_unflagged": json_number(self.inside_unflagged),
             "lost_frames": self.frames[self.lost].tolist(),
             "n_frames": len(self.frames),
@@ -362,8 +362,3 @@ def list_warnings(frames: np.ndarray, truth: JointSeries) -> tuple[str, ...]:
 
 def _span(frames: np.ndarray) -> str:
     return f"frames {frames.min()}..{frames.max()}" if frames.size else "no frames"
-
-
-def _mean_share(values: np.ndarray) -> float | None:
-    known = values[np.isfinite(values)]
-    return round(float(known.mean()), 4) if known.size else None

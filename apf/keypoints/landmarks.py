@@ -12,9 +12,10 @@ from dataclasses import dataclass
 from functools import lru_cache
 from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from pydantic import ConfigDict, Field
 
 from apf.body.angles import rotation_between
 from apf.body.kinematics import bone_matrices
@@ -22,6 +23,7 @@ from apf.body.model import BodyModel
 from apf.body.stature import stature
 from cl import InputError
 from psfs.cameras.names import join_names
+from psfs.common.schema import Table, Vector, parse_values
 from psfs.common.toml import read_toml
 
 #: The table that is shipped.
@@ -31,7 +33,6 @@ _STATURE = 1.75
 _SIDES = {"l": ("left", 1.0), "r": ("right", -1.0)}
 #: Joints and bones that have no side.
 _MIDDLE = ("pelvis", "thorax", "head", "neck", "head_top")
-_KEYS = {"name", "sided", "aliases", "joint", "bone", "up", "offset", "spread"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,18 +93,25 @@ def load_landmarks(path: Path = LANDMARKS) -> tuple[Landmark, ...]:
     return parse_landmarks(read_toml(path).get("landmark", []), path, "landmark")
 
 
-#: Greatest distance of a point from its joint along an axis, m.
-_FARTHEST = 3.0
+class _Entry(Table):
+    """An entry of a table of landmarks."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    name: str
+    joint: str
+    spread: Annotated[float, Field(gt=0, lt=1)]
+    sided: bool = False
+    aliases: tuple[str, ...] = Field((), strict=False)
+    bone: str | None = None
+    up: str | None = None
+    offset: Vector = Field(default_factory=lambda: [0.0] * 3)
 
 
-def parse_landmarks(entries: Sequence[Any], path: Path, kind: str) -> tuple[Landmark, ...]:
+def parse_landmarks(entries: Any, path: Path, kind: str) -> tuple[Landmark, ...]:
     """Parse the points of the tables [[kind]] of a file. Raises InputError."""
-    try:
-        found = [landmark for entry in entries for landmark in _parse(entry)]
-    except KeyError as error:
-        raise InputError(f"{path}: a {kind} lacks the key {error}") from None
-    except (TypeError, ValueError, OverflowError, AttributeError) as error:
-        raise InputError(f"{path}: {error}") from None
+    tables = parse_values(dict[str, list[_Entry]], {kind: entries}, path)
+    found = [landmark for entry in tables[kind] for landmark in _make_landmarks(entry)]
     if not found:
         raise InputError(f"{path}: holds no [[{kind}]]")
     by_alias: dict[str, str] = {}
@@ -115,24 +123,12 @@ def parse_landmarks(entries: Sequence[Any], path: Path, kind: str) -> tuple[Land
     return tuple(found)
 
 
-def _parse(entry: dict[str, Any]) -> list[Landmark]:
-    """Parse a table's entry into landmarks. KeyError and others say what is wrong."""
-    name = entry["name"]
-    if unknown := sorted(set(entry) - _KEYS):
-        raise ValueError(
-            f"landmark {name}: unknown {join_names(unknown)}; known: {join_names(_KEYS)}"
-        )
-    offset = np.asarray(entry.get("offset", (0, 0, 0)), np.float64)
-    if offset.shape != (3,) or not np.all(np.abs(offset) <= _FARTHEST):
-        raise ValueError(
-            f"landmark {name}: offset is {entry['offset']!r}; expected 3 numbers up to 3 m"
-        )
-    spread = float(entry["spread"])
-    if not 0 < spread < 1:
-        raise ValueError(f"landmark {name}: spread is {spread:g}; expected 0 to 1 m")
-    words = [normalise_name(word) for word in (name, *entry.get("aliases", ()))]
-    joint, bone, up = entry["joint"], entry.get("bone"), entry.get("up")
-    if not entry.get("sided", False):
+def _make_landmarks(entry: _Entry) -> list[Landmark]:
+    """Return the landmark of an entry, or those of both sides."""
+    name, offset = entry.name, np.array(entry.offset)
+    words = [normalise_name(word) for word in (name, *entry.aliases)]
+    joint, bone, up, spread = entry.joint, entry.bone, entry.up, entry.spread
+    if not entry.sided:
         return [Landmark(name, joint, bone, up, offset, spread, None, tuple(words))]
     landmarks = []
     for (short, (long, sign)), other in zip(_SIDES.items(), "rl", strict=True):

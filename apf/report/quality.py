@@ -25,6 +25,7 @@ from apf.report.config import QualityConfig
 from apf.tracking.correction import list_corrections
 from apf.tracking.limb_confidence import LEAST_SECONDS, LOST, lasts_long_enough
 from apf.tracking.track import Track, spans
+from psfs.common.numbers import json_number, mean_known
 
 #: A part with less confidence should be checked; a limb counts as lost below it, too.
 DOUBTFUL = LOST
@@ -136,14 +137,15 @@ class Quality:
         held = ~self.track.lost & self.there
         rows = held[self.rows]
         spreads = np.sqrt(np.trace(np.nan_to_num(self.track.covariance[held]), axis1=2, axis2=3))
-        error = _ERROR_PER_SPREAD * _mean(spreads)
-        error += _ERROR_DOUBTFUL * (1 - _mean(self.confidence[rows], nothing=1.0))
+        error = _ERROR_PER_SPREAD * mean_known(spreads)
+        error += _ERROR_DOUBTFUL * (1 - mean_known(self.confidence[rows], nothing=1.0))
         if self.agreement is not None:
-            overlap = _mean(self.agreement.body_iou[rows]) / _mean(self.agreement.voxel_iou[rows])
+            of_body, of_voxels = self.agreement.body_iou[rows], self.agreement.voxel_iou[rows]
+            overlap = mean_known(of_body) / mean_known(of_voxels)
             error += _ERROR_UNCOVERED * max(1 / max(overlap, 0.01) - 1, 0.0)
-            error += VOXEL_FAR * (1 - _mean(self.agreement.explained[rows], nothing=1.0))
+            error += VOXEL_FAR * (1 - mean_known(self.agreement.explained[rows], nothing=1.0))
         if self.near is not None:
-            error += KEYPOINT_FAR * (1 - _mean(self.near[held], nothing=1.0))
+            error += KEYPOINT_FAR * (1 - mean_known(self.near[held], nothing=1.0))
         lost = float(self.lost.sum()) / there
         return (1 - lost) * float(error) + lost * _ERROR_LOST
 
@@ -240,11 +242,9 @@ class Quality:
         track, found = self.track, self.agreement
         return {
             "verdict": self.verdict,
-            "expected_error_mm": _plain(1000 * self.expected_error),
+            "expected_error_mm": json_number(1000 * self.expected_error),
             "frames_judged": len(self.rows),
-            "mean_confidence": _plain(np.nanmean(track.confidence))
-            if np.isfinite(track.confidence).any()
-            else None,
+            "mean_confidence": json_number(mean_known(track.confidence)),
             "lost_frames": spans(track.frames[self.lost].tolist()),
             "absent_frames": spans(track.frames[~self.there].tolist()),
             "lost_limbs": {
@@ -253,19 +253,19 @@ class Quality:
             },
             "found_again_in_frames": spans(track.restarts.tolist()),
             "parts": {
-                part: {"mean_confidence": _plain(values.mean()), "least": _plain(values.min())}
-                for part, values in zip(self.parts, self.confidence.T, strict=True)
+                part: {"mean_confidence": json_number(of.mean()), "least": json_number(of.min())}
+                for part, of in zip(self.parts, self.confidence.T, strict=True)
             },
             "joint_deviation_mm": {
-                joint: _plain(1000 * value) if value else None  # None where nothing is stated
+                joint: json_number(1000 * value) if value else None  # None where nothing is stated
                 for joint, value in zip(
                     track.joint_names, np.median(self.deviations, axis=0), strict=True
                 )
             },
             "body_iou": _name_cameras(found.cameras, found.body_iou) if found else None,
             "voxel_iou": _name_cameras(found.cameras, found.voxel_iou) if found else None,
-            "voxels_explained": _plain(np.nanmean(found.explained)) if found else None,
-            "keypoints_near": _plain(np.nanmean(self.near)) if self.near is not None else None,
+            "voxels_explained": json_number(mean_known(found.explained)) if found else None,
+            "keypoints_near": None if self.near is None else json_number(mean_known(self.near)),
             "doubts": self._lasting_doubts,
             "look_at": {what: self._ranges(rows) for what, rows in self.doubtful.items()},
         }
@@ -276,19 +276,9 @@ def camera_means(scores: np.ndarray) -> np.ndarray:
     return np.ma.filled(np.ma.masked_invalid(scores).mean(axis=0), np.nan)
 
 
-def _mean(values: np.ndarray, nothing: float = np.nan) -> float:
-    """Return the mean of the known values; `nothing` without any."""
-    known = values[np.isfinite(values)]
-    return float(known.mean()) if known.size else nothing
-
-
 def _name_cameras(cameras: Items[str], scores: np.ndarray) -> dict[str, float | None]:
     means = camera_means(scores)
-    return {name: _plain(value) for name, value in zip(cameras, means, strict=True)}
-
-
-def _plain(value: float) -> float | None:
-    return round(float(value), 4) if np.isfinite(value) else None
+    return {name: json_number(value) for name, value in zip(cameras, means, strict=True)}
 
 
 def _range(first: int, last: int) -> str:

@@ -25,18 +25,16 @@ from psfs.calibration.targets.detection import (
 from psfs.cameras.calibration import read_calibration
 from psfs.common.requests import Stated
 from psfs.footage.settings import SequenceSettings
-from psfs.page.nodes import CameraNodes, add_floor
+from psfs.page.nodes import CameraNodes, add_floor, box_around
 from psfs.page.pictures import PictureReader, mosaic, small_pictures
 from psfs.page.timeline import TimeLine, add_key
 from psfs.page.words import classify, make_lines, make_text
 from psfs.request import CalibrateRequest, frame_range
 from psfs.sequence import Frame
-from psfs.voxels.grid import VoxelGrid
 
 if TYPE_CHECKING:
     import viser
 
-_FLOOR = VoxelGrid.covering(np.array([-2.0, -2.0, 0.0]), np.array([2.0, 2.0, 2.0]), 0.05)
 _NONE = "(none)"
 
 
@@ -64,7 +62,7 @@ class CalibrateView:
         self._stopped = threading.Event()
         self._worker: threading.Thread | None = None
         self._notes: list[tuple[str, object]] = []
-        add_floor(server.scene, _FLOOR)
+        add_floor(server.scene, box_around(np.zeros(3)))
         server.scene.set_up_direction("+z")
         self._reader = PictureReader(self.views, self._show_pictures, self._say)
         panel, beside = panels

@@ -18,20 +18,18 @@ from psfs.diagnostics.person_in_view import PersonInView, find_person_in_views
 from psfs.diagnostics.sequence_info import UNIT_ASKED, SequenceInfo, sequence_info
 from psfs.diagnostics.tangency import Tangency
 from psfs.page.clouds import Opened
-from psfs.page.nodes import BoxNode
+from psfs.page.nodes import Box, BoxNode, box_around
 from psfs.page.pictures import blend_silhouette, mosaic, small_pictures
 from psfs.page.watch import Watch
 from psfs.page.words import make_lines, make_table, make_text
 from psfs.sequence import Frame, Sequence
 from psfs.session import Session
 from psfs.volume import find_volume
-from psfs.voxels.grid import VoxelGrid
 
 if TYPE_CHECKING:
     import viser
 
 _MOST_LAG = 30  # frames; longest lag that the curves show
-_FLOOR_VOXEL = 0.05  # m; the floor is drawn under a grid
 #: Position of the viewer relative to the volume's centre, times the extent of the rig.
 _VIEWER = np.array([0.6, -0.9, 0.5])
 
@@ -43,17 +41,12 @@ class OpenedTake(Opened):
     info: SequenceInfo = field(kw_only=True)
 
     @property
-    def box(self) -> tuple[np.ndarray, np.ndarray]:
+    def box(self) -> Box:
         """Lowest and highest corner (3,) m of the volume that is stated, or that cameras share."""
         assert self.sequence is not None
-        stated, centre = self.sequence.volume or self.info.shared, self.info.centre
-        low, high = stated if stated is not None else (centre - 1.0, centre + 1.0)
+        stated = self.sequence.volume or self.info.shared
+        low, high = stated if stated is not None else box_around(self.info.centre)
         return np.round(low, 2), np.round(high, 2)
-
-    @property
-    def grid(self) -> VoxelGrid:
-        """A grid of the volume, which the floor is drawn under."""
-        return VoxelGrid.covering(*self.box, _FLOOR_VOXEL)
 
 
 class FootageView(Watch):

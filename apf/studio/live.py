@@ -14,17 +14,14 @@ from apf.live.timeline import Timeline
 from apf.report.drawing import make_still_figure
 from apf.studio.body_nodes import BodyNodes
 from psfs.cameras.camera import CameraRig
-from psfs.page.nodes import CameraNodes, add_floor
+from psfs.page.nodes import CameraNodes, add_floor, box_around
 from psfs.page.server import BrowserPage
 from psfs.page.timeline import add_key
 from psfs.page.words import make_lines, make_text
-from psfs.voxels.grid import VoxelGrid
 
 #: Most updates of the page per second.
 _RATE = 30.0
 _BEGIN = "record a take"
-#: Half of the floor's side without a grid, m.
-_AROUND = 2.0
 
 
 class LivePage(BrowserPage):
@@ -68,8 +65,9 @@ class LivePage(BrowserPage):
             nodes.show(0, 0)
         CameraNodes(scene, rig)
         body, pose = start.people[0]
-        centre = posed_joints(body, pose[None])[0].mean(axis=0)
-        add_floor(scene, start.grid or VoxelGrid.covering(centre - _AROUND, centre + _AROUND, 0.05))
+        joints, grid = posed_joints(body, pose[None])[0], start.grid
+        add_floor(scene, box_around(joints) if grid is None else (grid.low, grid.high))
+        centre = joints.mean(axis=0)
         self.server.initial_camera.look_at = centre
         self.server.initial_camera.position = centre + np.array([2.5, -3.0, 1.2])
         scene.set_up_direction("+z")

@@ -22,6 +22,7 @@ from apf.tracking.people import PeopleTracks, holds_people, list_people, person_
 from apf.tracking.track import Track
 from cl import Device, InputError, NumpyDevice, UserError
 from psfs.page.clouds import CarvedClouds, Opened, try_footage
+from psfs.page.nodes import Box, box_around
 from psfs.sequence import Frame, Sequence
 from psfs.session import Session, SessionSettings
 from psfs.voxels.config import ReconstructionConfig
@@ -29,8 +30,6 @@ from psfs.voxels.grid import VoxelCloud, VoxelGrid
 
 #: Makes the device that voxels are carved on, when they are first needed.
 MakeDevice = Callable[[], Device | NumpyDevice]
-#: A 3-D view without voxels gets a floor of this many metres around the person.
-_AROUND = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,13 +69,12 @@ class OpenedTracks(Opened):
         return next(iter(self.tracks.values()))
 
     @property
-    def grid(self) -> VoxelGrid:
-        """The voxels' grid; without voxels one around the people."""
+    def box(self) -> Box:
+        """The box of the voxels; without voxels that around the people."""
         if self.clouds is not None:
-            return self.clouds.grid
-        joints = np.concatenate([track.joints.reshape(-1, 3) for track in self.tracks.values()])
-        low, high = np.nanmin(joints, axis=0) - _AROUND, np.nanmax(joints, axis=0) + _AROUND
-        return VoxelGrid.covering(low, high, 0.02)
+            return super().box
+        joints = [track.joints.reshape(-1, 3) for track in self.tracks.values()]
+        return box_around(np.concatenate(joints))
 
 
 @dataclass(frozen=True, eq=False)

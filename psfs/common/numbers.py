@@ -48,6 +48,12 @@ def smooth_locally(values: np.ndarray, window: int, degree: int = 2) -> np.ndarr
     return np.concatenate([begin, windows @ weights[half], end])
 
 
+def mean_known(values: np.ndarray, nothing: float = np.nan) -> float:
+    """Return the mean of the finite values; `nothing` without any."""
+    known = values[np.isfinite(values)]
+    return float(known.mean()) if known.size else nothing
+
+
 def json_number(value: float, digits: int = 5) -> float | None:
     """Round a number for JSON; None for NaN, infinity and masked values, which JSON lacks."""
     return round(float(value), digits) if np.isfinite(value) else None

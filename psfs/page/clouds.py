@@ -298,10 +298,10 @@ class Opened:
     """Whether voxels are shown before the user chooses."""
 
     @property
-    def grid(self) -> VoxelGrid:
-        """The voxels' grid, which the floor lies under."""
+    def box(self) -> tuple[np.ndarray, np.ndarray]:
+        """Lowest and highest corner (3,) m of what is shown, which the floor lies under."""
         assert self.clouds is not None
-        return self.clouds.grid
+        return self.clouds.grid.low, self.clouds.grid.high
 
     def close(self) -> None:
         """End all work in the background."""

@@ -21,15 +21,22 @@ _HANDLE = 0.8  # m
 NO_LINES = np.zeros((1, 2, 3), np.float32)
 
 
+#: Lowest and highest corner (3,) m.
+Box = tuple[np.ndarray, np.ndarray]
+#: Distance around points that a view without voxels shows, m.
+_AROUND = 1.0
+
+
 class VoxelNode:
     """The surface of one frame: its voxels as points, or a mesh."""
 
-    def __init__(self, scene: viser.SceneApi, grid: VoxelGrid) -> None:
+    def __init__(self, scene: viser.SceneApi, grid: VoxelGrid | None) -> None:
         self._scene = scene
+        size, centre = (grid.voxel_size, grid_centre(grid)) if grid else (1.0, np.zeros(3))
         self._node = scene.add_point_cloud(
             "/voxels", np.zeros((1, 3), np.float16), np.zeros((1, 3), np.uint8),
-            point_size=grid.voxel_size, point_shape="square", point_shading="flat",
-            position=grid_centre(grid), visible=False,
+            point_size=size, point_shape="square", point_shading="flat", position=centre,
+            visible=False,
         )  # fmt: skip
         self._mesh: viser.GlbHandle | None = None
         self.shown: Points | Surface | None = None
@@ -86,12 +93,19 @@ class CameraNodes:
             node.visible = shown
 
 
-def add_floor(scene: viser.SceneApi, grid: VoxelGrid) -> None:
-    """Add the floor z = 0 under a grid, in squares of 1, 0.1, ... m, with the world's axes, one
+def box_around(points: np.ndarray) -> Box:
+    """Return the box of some points (..., 3) m, NaN where unknown, and what is near them."""
+    flat = points.reshape(-1, 3)
+    return np.nanmin(flat, axis=0) - _AROUND, np.nanmax(flat, axis=0) + _AROUND
+
+
+def add_floor(scene: viser.SceneApi, box: Box) -> None:
+    """Add the floor z = 0 under a box, in squares of 1, 0.1, ... m, with the world's axes, one
     square long."""
-    extent = (grid.high - grid.low)[:2]
+    low, high = box
+    extent = (high - low)[:2]
     square = float(10.0 ** np.floor(np.log10(float(np.max(extent)))))
-    middle = square * np.round((grid.low + grid.high)[:2] / (2 * square))
+    middle = square * np.round((low + high)[:2] / (2 * square))
     width, height = 2 * square * np.ceil((extent / 2 + square) / square)
     scene.add_grid(
         "/floor", float(width), float(height), cell_size=square, section_size=square,

@@ -62,9 +62,9 @@ class Watch:
 
     def _add_nodes(self, scene: viser.SceneApi) -> None:
         """Add what the 3-D view shows."""
-        grid, sequence = self.opened.grid, self.opened.sequence
-        self.voxels = VoxelNode(scene, grid)
-        add_floor(scene, grid)
+        clouds, sequence = self.opened.clouds, self.opened.sequence
+        self.voxels = VoxelNode(scene, clouds.grid if clouds is not None else None)
+        add_floor(scene, self.opened.box)
         if sequence is not None:
             self._cameras = CameraNodes(scene, sequence.rig)
             self._looking = LookThrough(
@@ -328,7 +328,7 @@ class Watch:
 
     def _first_view(self) -> tuple[np.ndarray, np.ndarray]:
         """Return what the viewer looks at first, and from where, (3,) m each."""
-        low, high = self.opened.grid.low, self.opened.grid.high
+        low, high = self.opened.box
         centre = (low + high) / 2
         return centre, centre + float(np.linalg.norm(high - low)) * _VIEWER
 

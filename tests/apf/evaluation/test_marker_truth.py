@@ -141,8 +141,8 @@ def test_a_set_of_one_s_own(tmp_path: Path) -> None:
     ("text", "message"),
     [
         ("", r"mine\.toml: holds no \[\[marker\]\]"),
-        ('[[marker]]\nname = "a"\n', "a marker lacks the key 'joint'"),
-        ('[[marker]]\nname = "a"\njoint = "neck"\nside = 1\n', "unknown side"),
+        ('[[marker]]\nname = "a"\n', "lacks the key marker a, joint"),
+        ('[[marker]]\nname = "a"\njoint = "neck"\nside = 1\n', "marker a, side, which is unknown"),
         ("[[markers]]\n", r"markers; expected \[\[marker\]\] tables"),
         ("stature = 9.0\n", "stature"),
     ],

@@ -80,13 +80,13 @@ def test_a_body_whose_arms_point_backwards_at_zero_has_its_hands_beyond_the_wris
 def test_names_that_are_none_and_bad_tables_are_errors(tmp_path: Path) -> None:
     with pytest.raises(apf.InputError, match=r"none of the keypoints tail, fin .*left_shoulder"):
         locate_points(load_body("song31"), ["tail", "fin"])
-    table = tmp_path / "landmarks.toml"
+    table, whole = tmp_path / "landmarks.toml", '[[landmark]]\nname = "a"\njoint = "n"\n'
     for text, message in (
         ("", r"holds no \[\[landmark\]\]"),
-        ('[[landmark]]\nname = "nose"\n', "lacks the key 'spread'"),
-        ('[[landmark]]\nname = "nose"\njoint = "head_top"\nspread = 3.0\n', "expected 0 to 1 m"),
-        ('[[landmark]]\nname = "a"\ncolour = 1\n', "unknown colour"),
-        ('[[landmark]]\nname = "a"\njoint = "n"\nspread = 0.1\noffset = [1]\n', "expected 3 numb"),
+        ('[[landmark]]\nname = "nose"\n', "lacks the key landmark nose, joint"),
+        (f"{whole}spread = 3.0\n", "spread is 3.0; expected less than 1"),
+        (f"{whole}spread = 0.1\ncolour = 1\n", "colour, which is unknown"),
+        (f"{whole}spread = 0.1\noffset = [1]\n", "expected at least 3"),
     ):
         table.write_text(text)
         load_landmarks.cache_clear()
