@@ -6,18 +6,16 @@ from __future__ import annotations
 import errno
 import json
 import os
-import shutil
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from tempfile import TemporaryDirectory, gettempdir
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, TextIO
 from xml.etree import ElementTree
 
 from cl import InputError, MissingFileError
 from psfs.common.outputs import check_file, claim, remember_file, temporary_name
 from psfs.common.reading import open_input, parsing, unreadable_error
-from psfs.common.system import is_alive
 
 if TYPE_CHECKING:
     import numpy as np
@@ -215,21 +213,8 @@ def parse_xml(text: str, what: str) -> ElementTree.Element:
         raise InputError(f"{error}; expected {what}") from None
 
 
-#: Beginning of the folders' names; the number of the process follows.
-_PREFIX = "psfs-apf-"
-
-
 @contextmanager
 def temporary_folder() -> Iterator[Path]:
-    """Yield a new temporary folder, which is removed afterwards, as are those of processes that
-    were killed."""
-    _remove_orphans()
-    with TemporaryDirectory(prefix=f"{_PREFIX}{os.getpid()}-") as folder:
+    """Yield a new temporary folder, which is removed afterwards."""
+    with TemporaryDirectory(prefix="psfs-apf-") as folder:
         yield Path(folder)
-
-
-def _remove_orphans() -> None:
-    for folder in Path(gettempdir()).glob(f"{_PREFIX}*-*"):
-        process = folder.name.removeprefix(_PREFIX).split("-")[0]
-        if process.isdigit() and not is_alive(int(process)):
-            shutil.rmtree(folder, ignore_errors=True)  # another user's stays

@@ -36,7 +36,13 @@ class Values:
     needed: bool = True
 
 
-_KINDS = {"float": "fiu", "int": "iu", "bool": "biuf", "text": "U"}
+#: The codes of NumPy's types, and the name, of each kind.
+_KINDS = {
+    "float": ("fiu", "numbers"),
+    "int": ("iu", "whole numbers"),
+    "bool": ("biuf", "flags"),
+    "text": ("U", "text"),
+}
 
 
 def read_npz(path: Path, schema: Mapping[str, Values], what: str) -> dict[str, np.ndarray]:
@@ -90,8 +96,9 @@ def check_values(
 
     lengths: length of each letter so far, and the key that it comes from.
     """
-    if array.dtype.kind not in _KINDS[values.kind]:
-        raise InputError(f"{where}: {key} is {array.dtype}; expected {_describe_kind(values)}")
+    codes, expected = _KINDS[values.kind]
+    if array.dtype.kind not in codes:
+        raise InputError(f"{where}: {key} is {array.dtype}; expected {expected}")
     if values.shape is not None:
         _check_shape(where, key, array, values.shape, lengths)
     if values.kind == "text" or not array.size:
@@ -122,12 +129,6 @@ def _check_shape(
         raise InputError(
             f"{where}: {key} has the shape {array.shape}; expected ({', '.join(named)})"
         )
-
-
-def _describe_kind(values: Values) -> str:
-    return {"float": "numbers", "int": "whole numbers", "bool": "flags", "text": "text"}[
-        values.kind
-    ]
 
 
 def get_scalar(array: object) -> Any:
