@@ -8,7 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Protocol
+from typing import TypeAlias
 
 import numpy as np
 
@@ -23,18 +23,6 @@ VIDEO_SUFFIXES = {
     *(".mts", ".m2ts", ".ts", ".wmv", ".3gp", ".asf", ".dv", ".flv", ".mod", ".mxf", ".vob"),
 }
 IMAGE_SUFFIXES = {".png", ".jpg", ".jpeg", ".bmp", ".pbm", ".pgm", ".ppm", ".tif", ".tiff"}
-
-
-class Decoder(Protocol):
-    """A decoder of the frames of one `Media`, fastest in ascending order.
-
-    `read(index, into)` returns the picture (h, w, 3) uint8 BGR. into: a contiguous array of that
-    size, into which a decoder may write to save an allocation and a copy.
-    """
-
-    def read(self, index: int, into: np.ndarray | None = None) -> np.ndarray: ...
-
-    def close(self) -> None: ...
 
 
 @dataclass(frozen=True)
@@ -74,8 +62,7 @@ class Media:
         return self.index.times if self.picks is None else self.index.times[list(self.picks)]
 
     def open(self) -> Decoder:
-        decoder = ImagesDecoder(self) if self.index is None else VideoDecoder(self.index)
-        return decoder if self.picks is None else SelectingDecoder(decoder, self.picks)
+        return ImagesDecoder(self) if self.index is None else VideoDecoder(self.index, self.picks)
 
     def select(self, picks: Sequence[int]) -> Media:
         """Return media whose frame k is frame picks[k] of this one."""
@@ -168,8 +155,10 @@ class ImagesDecoder:
         self._media = media
 
     def read(self, index: int, into: np.ndarray | None = None) -> np.ndarray:
-        """Decode one frame, (h, w, 3) uint8 BGR. Raises InputError naming the file."""
-        path = self._media.paths[index]
+        """Decode one frame, (h, w, 3) uint8 BGR; never in `into`. Raises InputError naming the
+        file."""
+        picks = self._media.picks
+        path = self._media.paths[index if picks is None else picks[index]]
         image = read_mask(path) if self._media.is_mask else read_picture(path)
         found, expected = (image.shape[1], image.shape[0]), self._media.size
         if found != expected:
@@ -183,18 +172,8 @@ class ImagesDecoder:
         pass
 
 
-class SelectingDecoder:
-    """Decoder of selected frames of another decoder."""
-
-    def __init__(self, decoder: Decoder, picks: Sequence[int]) -> None:
-        self._decoder, self._picks = decoder, picks
-
-    def read(self, index: int, into: np.ndarray | None = None) -> np.ndarray:
-        """Decode one frame, (h, w, 3) uint8 BGR. Raises InputError naming file and frame."""
-        return self._decoder.read(self._picks[index], into)
-
-    def close(self) -> None:
-        self._decoder.close()
+#: A decoder of the frames of one `Media`, fastest in ascending order.
+Decoder: TypeAlias = ImagesDecoder | VideoDecoder
 
 
 def pad_pictures(pictures: list[np.ndarray], into: np.ndarray) -> np.ndarray:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from fractions import Fraction
@@ -192,19 +192,22 @@ def _deinterlace(frames: Iterable[VideoFrame]) -> Iterator[VideoFrame]:
 class VideoDecoder:
     """Decoder of a video: ascending reads decode on, only far jumps seek.
 
-    Interlaced frames are deinterlaced, pictures of phones turned upright.
+    Interlaced frames are deinterlaced, pictures of phones turned upright. picks: the frames that
+    are counted, all by default.
     """
 
-    def __init__(self, index: VideoIndex) -> None:
+    def __init__(self, index: VideoIndex, picks: Sequence[int] | None = None) -> None:
         from av.video.reformatter import VideoReformatter
 
-        self._index = index
+        self._index, self._picks = index, picks
         self._converter = VideoReformatter()
         self._frames: Iterator[VideoFrame] = self._run(0, None)
         self._next = 0
 
     def read(self, index: int, into: np.ndarray | None = None) -> np.ndarray:
-        """Decode one frame, (h, w, 3) uint8 BGR. Raises InputError naming file and frame."""
+        """Decode one frame, (h, w, 3) uint8 BGR, in `into`, a contiguous array of that size, if
+        there is one. Raises InputError naming file and frame."""
+        index = index if self._picks is None else self._picks[index]
         if not self._next <= index <= self._next + _SHORT_JUMP:
             self._jump(index)
         skipped = islice(self._frames, index - self._next, None)
