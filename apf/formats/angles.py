@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from apf.body.anatomy import anatomical_frames
-from apf.body.angles import WORLD, decompose_zxy, relative_rotations, unwrap_known
+from apf.body.angles import WORLD, angles_between, decompose_zxy, unwrap_known
 from apf.body.kinematics import posed_joints
 from apf.body.limbs import limb_angles
 from apf.body.model import BodyModel
@@ -18,16 +18,26 @@ from apf.formats.skeleton import TO_Y_UP
 from apf.formats.trc import JointSeries
 from psfs.common.files import open_text
 
-#: OpenSim's coordinates: angles about Z, X' and Y'' from one segment to another, and their sign.
-_COORDINATES: tuple[tuple[str, str, tuple[str, ...], int], ...] = (
-    ("pelvis", "thorax", ("lumbar_extension", "lumbar_bending", "lumbar_rotation"), 1),
-    ("thorax", "head", ("neck_flexion", "neck_bending", "neck_rotation"), 1),
-    ("pelvis", "thigh", ("hip_flexion", "hip_adduction", "hip_rotation"), 1),
-    ("thigh", "shank", ("knee_angle",), -1),
-    ("shank", "foot", ("ankle_angle",), 1),
-    ("thorax", "upper_arm", ("arm_flex", "arm_add", "arm_rot"), 1),
-    ("upper_arm", "forearm", ("elbow_flex",), 1),
-)
+#: OpenSim's coordinates of the pelvis: angles about Z, X' and Y'' against the world, and position.
+_PELVIS = ("pelvis_tilt", "pelvis_list", "pelvis_rotation", "pelvis_tx", "pelvis_ty", "pelvis_tz")
+#: OpenSim's names and signs of the clinical angles that it has.
+_COORDINATES: Mapping[str, tuple[str, int]] = {
+    "trunk_flexion": ("lumbar_extension", -1),
+    "trunk_right_bending": ("lumbar_bending", 1),
+    "trunk_left_rotation": ("lumbar_rotation", 1),
+    "neck_flexion": ("neck_flexion", -1),
+    "neck_right_bending": ("neck_bending", 1),
+    "neck_left_rotation": ("neck_rotation", 1),
+    "hip_flexion": ("hip_flexion", 1),
+    "hip_adduction": ("hip_adduction", 1),
+    "hip_rotation": ("hip_rotation", 1),
+    "knee_flexion": ("knee_angle", 1),
+    "ankle_dorsiflexion": ("ankle_angle", 1),
+    "shoulder_flexion": ("arm_flex", 1),
+    "shoulder_adduction": ("arm_add", 1),
+    "shoulder_rotation": ("arm_rot", 1),
+    "elbow_flexion": ("elbow_flex", 1),
+}
 
 
 def write_angle_csv(
@@ -89,28 +99,12 @@ def opensim_coordinates(body: BodyModel, poses: np.ndarray) -> dict[str, np.ndar
     frames = anatomical_frames(body, poses)
     table: dict[str, np.ndarray] = {}
     if "pelvis" in frames:
-        turned = pelvis_coordinates(frames["pelvis"])
+        turned = np.degrees(unwrap_known(decompose_zxy(WORLD.T @ frames["pelvis"])))
         place = posed_joints(body, poses)[:, body.joint_names.index("pelvis")] @ TO_Y_UP.T
-        table |= turned | dict(zip(("pelvis_tx", "pelvis_ty", "pelvis_tz"), place.T, strict=True))
-    return table | coordinates_between(frames)
-
-
-def pelvis_coordinates(rotations: np.ndarray) -> dict[str, np.ndarray]:
-    """Compute OpenSim's angles (N,), degrees, of the pelvis in the world (N, 3, 3), by name."""
-    turned = np.degrees(unwrap_known(decompose_zxy(WORLD.T @ rotations)))
-    return dict(zip(("pelvis_tilt", "pelvis_list", "pelvis_rotation"), turned.T, strict=True))
-
-
-def coordinates_between(frames: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Compute OpenSim's angles (N,), degrees, between anatomical segments (N, 3, 3), by name; they
-    do not jump by whole turns from one pose to the next."""
-    table: dict[str, np.ndarray] = {}
-    for near, far, names, sign in _COORDINATES:
-        for side in ("",) if far in frames else ("r_", "l_"):
-            start = near if near in ("pelvis", "thorax") else side + near
-            if {start, side + far} <= set(frames):
-                turned = decompose_zxy(relative_rotations(frames, start, side + far))
-                turned = sign * np.degrees(unwrap_known(turned))
-                ending = f"_{side[0]}" if side else ""
-                table |= {name + ending: turned[:, k] for k, name in enumerate(names)}
+        table |= zip(_PELVIS, (*turned.T, *place.T), strict=True)
+    angles = angles_between(frames)
+    for side, ending in (("", ""), ("r_", "_r"), ("l_", "_l")):
+        for name, (coordinate, sign) in _COORDINATES.items():
+            if side + name in angles:
+                table[coordinate + ending] = sign * angles[side + name]
     return table
