@@ -37,15 +37,13 @@ _SAME_RATE = 0.01
 
 @dataclass(frozen=True)
 class Timing:
-    """The frame rates and delays of the cameras.
+    """The cameras' frame rates and clocks.
 
-    rates: (V,) frames per second of each camera. late: (V,) by how many of its own frames each
-    camera is late. clocks: (V, F) the time of each frame by the camera's own clock, s. fps: of the
-    sequence, the slowest rate.
+    rates: (V,) frames per second of each camera. clocks: (V, F) the time of each frame by the
+    camera's own clock, s. fps: of the sequence, the slowest rate.
     """
 
     rates: tuple[float, ...]
-    late: tuple[float, ...]
     clocks: tuple[np.ndarray, ...] = ()
 
     @property
@@ -75,19 +73,15 @@ def synchronise(
     kinds = [kind for kind in (footage.images, footage.masks) if kind]
     rates, clocks, notes = _read_clocks(kinds[0], fps, default)
     stamps = read_timestamps(footage)
-    delays = [sync.get(name, (0, 1)) for name in names]
-    clocks = [
-        clock[: min(kind[view].count for kind in kinds)]
-        for view, clock in enumerate(stamps or clocks)
-    ]
-    timing = Timing(tuple(rates), tuple(late for late, _ in delays), tuple(clocks))
-    times = [
-        (clock - late / rate) / speed
-        for clock, rate, (late, speed) in zip(clocks, rates, delays, strict=True)
-    ]
-    if sync:
-        shifts = describe_delays({name: by for name, by in sync.items() if by != (0, 1)})
-        notes += [f"cameras are shifted in time, in frames: {shifts}"] if shifts else []
+    delays = {name: by for name, by in sync.items() if by != (0, 1)}
+    clocks, times = list(stamps or clocks), []
+    for view, name in enumerate(names):
+        clocks[view] = clocks[view][: min(kind[view].count for kind in kinds)]
+        late, speed = delays.get(name, (0, 1))
+        times.append((clocks[view] - late / rates[view]) / speed)
+    timing = Timing(tuple(rates), tuple(clocks))
+    if delays:
+        notes.append(f"cameras are shifted in time, in frames: {describe_delays(delays)}")
     common = min(map(len, times))
     furthest = max(abs(clock[:common] - times[0][:common]).max(initial=0) for clock in times)
     if stamps is None and furthest <= max(map(_usual_interval, times)) / 2:
@@ -95,11 +89,10 @@ def synchronise(
     picks, apart = pair_frames(times)
     if not picks:
         raise InputError(
-            f"no time is in all cameras, which are late by {join_names(map(str, timing.late))} "
-            f"frames and have {join_names(str(len(clock)) for clock in times)}; expected "
-            "recordings that overlap"
+            f"no time is in all cameras, of {join_names(str(len(clock)) for clock in times)} "
+            f"frames, late by {describe_delays(delays) or 0}; expected recordings that overlap"
         )
-    if stamps is not None or not any(timing.late):
+    if stamps is not None or not delays:
         source = "the times in the videos" if stamps is None else TIMESTAMPS
         notes.append(
             f"frames are paired by {source}: {len(picks)} of up to {max(map(len, times))}, "

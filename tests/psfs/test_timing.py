@@ -12,7 +12,7 @@ from psfs.sequence import Sequence
 
 
 def test_lags_of_the_sequence_in_frames_of_each_camera(tmp_path: Path) -> None:
-    assert Timing((60.0, 30.0, 15.0), (0, 0, 0)).count_own_frames([3.2, 1.3, 0.9]) == [13, 3, 1]
+    assert Timing((60.0, 30.0, 15.0)).count_own_frames([3.2, 1.3, 0.9]) == [13, 3, 1]
     folder = footage.native(tmp_path, views=2, frames=1)
     # The first camera has twice the rate; both show the same times, the second from 2/5 s on.
     footage.write_video(folder / "videos" / "cam01.mp4", list(range(0, 240, 10)), 10.0)
