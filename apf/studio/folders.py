@@ -14,7 +14,7 @@ from psfs.footage.layouts import LAYOUTS
 from psfs.footage.layouts.flat import FLAT
 from psfs.footage.layouts.native import NATIVE, find_settings_calibration
 from psfs.footage.layouts.uncalibrated import list_pictures
-from psfs.footage.media import VIDEO_SUFFIXES
+from psfs.footage.media import IMAGE_SUFFIXES, VIDEO_SUFFIXES
 from psfs.footage.settings import SequenceSettings
 
 #: Levels below a given folder that are searched, and the most folders that are listed.
@@ -112,6 +112,9 @@ def _is_take(folder: Path) -> bool:
         if layout in (NATIVE, FLAT):
             settings = SequenceSettings.read(folder / "sequence.toml")
             find_settings_calibration(folder, settings)
+        if layout is FLAT:  # cameras alone have a picture of them at most
+            suffixes = [path.suffix.lower() for path in folder.iterdir()]
+            return sum(suffix in IMAGE_SUFFIXES | VIDEO_SUFFIXES for suffix in suffixes) > 1
     except MissingFileError:
         return False
     except UserError:  # a file that cannot be read

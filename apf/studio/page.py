@@ -79,6 +79,8 @@ class Page(BrowserPage):
         self._add_open(gui)
         tabs = gui.add_tab_group()
         self.watching, running = tabs.add_tab("Watch"), tabs.add_tab("Track")
+        with self.watching:
+            self._empty = gui.add_html(make_text("What you open is shown here."))
         with running:
             self.run = RunPanel(gui, results, device, self._show_run, self.say)
         with tabs.add_tab("Correct"):
@@ -106,6 +108,7 @@ class Page(BrowserPage):
             self.close_folder()
             self._choose_in_list(path)
             self._message.content, self.demo_button.visible = "", False
+            self._empty.visible = False
             server, panels = self.server, (self.watching, self.pictures)
             if kind == "track":
                 opened = open_track(
@@ -137,6 +140,7 @@ class Page(BrowserPage):
             assert self._captures is not None
             self.close_folder()
             self._message.content, self.demo_button.visible = "", False
+            self._empty.visible = False
             self._opened = self._folder.value = _LIVE
             self.film = FilmView(
                 self.server, self._captures, (self.watching, self.pictures),
@@ -155,6 +159,7 @@ class Page(BrowserPage):
                     shown.close()
             self.watch = self.footage = self.calibrate = self.film = None
             self._offer()
+            self._empty.visible = True
             self._show_step("Open")
 
     def _open_footage(self, sequence: Sequence) -> None:
@@ -235,9 +240,9 @@ class Page(BrowserPage):
             hint="takes and results in the folders of the command",
         )
         self._opened = _NOTHING
-        self._message: Any = gui.add_html(make_text("Choose a folder to open."))
+        self._message: Any = gui.add_html("")
         again = gui.add_button("look for new folders", color="gray")
-        again.on_click(lambda event: self._list_again())
+        again.on_click(lambda event: self.list_folders())
         self.demo_button: Any = gui.add_button(
             "demo walk",
             hint="makes a synthetic walker before four cameras (apf synth), and opens it",
@@ -246,9 +251,6 @@ class Page(BrowserPage):
         self.list_folders()
         self._folder.on_update(lambda event: self._choose())
         self.add_dark()
-
-    def _list_again(self) -> None:
-        self.list_folders()
 
     def _choose(self) -> None:
         found, chosen = self._choices.get(self._folder.value), self._folder.value

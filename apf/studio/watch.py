@@ -42,6 +42,7 @@ class TrackWatch(Watch):
             for number, (name, figure) in enumerate(self.opened.figures.items())
         }
         super()._add_nodes(scene)
+        self.voxels.filling = 0.4  # the body is seen between them
 
     def _add_pictures(self, gui: viser.GuiApi) -> None:
         super()._add_pictures(gui)

@@ -30,6 +30,9 @@ _AROUND = 1.0
 class VoxelNode:
     """The surface of one frame: its voxels as points, or a mesh."""
 
+    #: Share of a voxel's side that its point fills.
+    filling = 1.0
+
     def __init__(self, scene: viser.SceneApi, grid: VoxelGrid | None) -> None:
         self._scene = scene
         size, centre = (grid.voxel_size, grid_centre(grid)) if grid else (1.0, np.zeros(3))
@@ -59,7 +62,7 @@ class VoxelNode:
             self._mesh = self._scene.add_glb("/mesh", shown.glb, wxyz=back)
         elif shown is not None and len(shown.positions):
             self._node.points, self._node.colors = shown.positions, shown.colours
-            self._node.point_size = shown.size
+            self._node.point_size = self.filling * shown.size
         self._node.visible = isinstance(shown, Points) and len(shown.positions) > 0
 
 

@@ -16,8 +16,11 @@ def test_folders_are_found_by_their_kind(tmp_path: Path) -> None:
     save_voxels(tmp_path / "voxels")
     take = tmp_path / "take"
     take.mkdir()
-    (take / "calibration.toml").write_text("")
-    (tmp_path / "other").mkdir()
+    for folder in (take, tmp_path / "other"):  # the other one has cameras alone
+        folder.mkdir(exist_ok=True)
+        (folder / "calibration.toml").write_text("")
+    for name in ("cam1.mp4", "cam2.mp4"):
+        (take / name).touch()
     found = {one.name: one.kind for one in Roots(tmp_path).find()}
     assert found == {"a/track": "track", "take": "take", "voxels": "voxels"}
     assert find_kind(tmp_path / "other") is None
