@@ -110,7 +110,7 @@ class CorrectPanel:
         self.joint.options = list(self._joints)
         self.joint.value = self.joint.options[0]
         self.corrections = Corrections(opened.folder)
-        self._message.content = make_text("Choose a joint that is wrong in this frame (keys J, L, N).")
+        self._message.content = make_text("Choose a joint that is wrong in this frame (J, L, N).")
         self._tell()
 
     def toggle_handle(self) -> None:
