@@ -22,7 +22,6 @@ from apf.evaluation.people import MATCHED, PeopleEvaluation, evaluate_people, fi
 from apf.evaluation.truth import load_people_truth, load_truth
 from apf.formats.c3d import read_c3d
 from apf.formats.trc import JointSeries
-from apf.report.drawing import gather
 from apf.request import EvaluateRequest
 from apf.tracking.people import PeopleTracks, holds_people, person_folder
 from apf.tracking.track import Track, spans
@@ -45,7 +44,7 @@ def run(request: EvaluateRequest) -> None:
             f"{request.track}: the track of one person; expected one file of the truth, found "
             f"{len(request.truth)}"
         )
-    tracks = PeopleTracks.open(request.track) if several else gather(Track.open(request.track))
+    tracks = PeopleTracks.open(request.track)
     markers = None if request.markers is None else load_markers(request.markers)
     truth, convention = _read_truth(request, tracks[0].fps)
     found: Evaluation | PeopleEvaluation
@@ -64,8 +63,8 @@ def run(request: EvaluateRequest) -> None:
         print_angles(found.angles)
     else:
         print_people_evaluation(found)
-    if better is not None:
-        warn(better, stdout)
+    for warning in (*found.warnings, *filter(None, (better,))):
+        warn(warning, stdout)
     if not several and tracks[0].smoothing is not None:
         shown = ", ".join(f"{k} {v}" for k, v in tracks[0].smoothing.items() if v is not None)
         stdout.print(f"the track was smoothed: {shown}")
@@ -173,10 +172,8 @@ def _write_files(folder: Path, evaluation: Evaluation, wanted: list[str], title:
 def print_evaluation(evaluation: Evaluation) -> None:
     """Print the table of joints and the overall figures to standard output."""
     summary = evaluation.summary()
-    table = Table(title="Distance to the truth, mm", title_justify="left")
-    table.add_column("joint")
-    for column in ("mean", "median", "max", "constant", "rest", "in 95 %"):
-        table.add_column(column, justify="right")
+    columns = "mean", "median", "max", "constant", "rest", "in 95 %"
+    table = _make_table("Distance to the truth, mm", ("joint",), columns)
     keys = ("mean_mm", "median_mm", "max_mm", "constant_mm", "rest_mm")
     for row in summary["joints"]:
         figures = [_number(row[key]) for key in keys]
@@ -213,19 +210,13 @@ def print_evaluation(evaluation: Evaluation) -> None:
             lines.append(f"not compared, of the {side}: {', '.join(names)}")
     if evaluation.n_ignored:
         lines.append(f"ignored, because the truth is missing: {evaluation.n_ignored} joint-frames")
-    for line in lines:
-        stdout.print(line)
-    for warning in evaluation.warnings:
-        warn(warning, stdout)
+    stdout.print("\n".join(lines))
 
 
 def print_people_evaluation(evaluation: PeopleEvaluation) -> None:
     """Print a row for each person, and how well people are counted and kept apart."""
-    table = Table(title="Distance to the truth", title_justify="left")
-    table.add_column("true person")
-    table.add_column("track")
-    for column in ("frames", "mean, mm", "median, mm", "beyond 150 mm", "in 95 %"):
-        table.add_column(column, justify="right")
+    columns = "frames", "mean, mm", "median, mm", "beyond 150 mm", "in 95 %"
+    table = _make_table("Distance to the truth", ("true person", "track"), columns)
     summary = evaluation.summary()
     for person in summary["persons"]:
         errors, track = person["errors"], person["track"]
@@ -245,20 +236,15 @@ def print_people_evaluation(evaluation: PeopleEvaluation) -> None:
         f"MOTA {evaluation.mota:.1%}, IDF1 {evaluation.idf1:.1%}; a track is a person's where its "
         f"joints are within {1000 * MATCHED:.0f} mm on average",
     ]
-    for line in lines:
-        stdout.print(line)
-    for warning in evaluation.warnings:
-        warn(warning, stdout)
+    stdout.print("\n".join(lines))
 
 
 def print_angles(errors: Sequence[AngleError]) -> None:
     """Print the errors of the joint angles to standard output, if there are any."""
     if not errors:
         return
-    table = Table(title="Joint angles against the truth's, degrees", title_justify="left")
-    table.add_column("angle")
-    for column in ("RMS", "offset-free", "frames"):
-        table.add_column(column, justify="right")
+    title, columns = "Joint angles against the truth's, degrees", ("RMS", "offset-free", "frames")
+    table = _make_table(title, ("angle",), columns)
     for error in errors:
         figures = f"{error.rms:.1f}", f"{error.free:.1f}", str(error.n_frames)
         table.add_row(error.name, *figures, style=None if error.defined else "dim")
@@ -270,6 +256,13 @@ def print_angles(errors: Sequence[AngleError]) -> None:
         "offset-free: without the mean difference (the truth's rest pose is another); all: without "
         "the plane of elevation and axial rotation of arms, undefined where these hang"
     )
+
+
+def _make_table(title: str, names: Sequence[str], figures: Sequence[str]) -> Table:
+    table = Table(*names, title=title, title_justify="left")
+    for column in figures:
+        table.add_column(column, justify="right")
+    return table
 
 
 def _number(value: float | None) -> str:

@@ -35,6 +35,7 @@ from cl import Device, InputError, UserError, select_device
 from psfs.cli.commandline import stderr, stdout, warn
 from psfs.common.files import write_json
 from psfs.common.outputs import output_folder
+from psfs.common.ranges import check_number
 from psfs.common.requests import write_settings
 from psfs.opening import open_sequence
 
@@ -200,14 +201,9 @@ class PartKeeper:
 
 def _write_tracks(output: Path, tracks: list[Track]) -> dict[str, Any]:
     """Write the files of each person's track; return facts for the summary."""
-    write_people(output, _gather(tracks))
+    write_people(output, PeopleTracks.of(*tracks))
     facts = {"lost": sum(int(track.lost.sum()) for track in tracks)}
     return facts | ({"people": len(tracks)} if len(tracks) > 1 else {})
-
-
-def _gather(tracks: list[Track]) -> PeopleTracks:
-    frames = tracks[0].frames
-    return PeopleTracks(tuple(tracks), frames, (frames,) * len(tracks))
 
 
 def compare_with_truth(
@@ -222,7 +218,7 @@ def compare_with_truth(
     if len(truth) == 1:
         warn(f"--truth is of one person, and {len(tracks)} were tracked; they are not compared")
         return {}
-    return {"people_errors": evaluate_people(_gather(tracks), truth).summary()}
+    return {"people_errors": evaluate_people(PeopleTracks.of(*tracks), truth).summary()}
 
 
 def _run(
@@ -251,16 +247,13 @@ def _run(
 def _check_ranges(request: LiveRequest) -> None:
     for text in request.send or ():
         parse_target(text)
-    if request.scale is not None and not 0.05 <= request.scale <= 1:
-        raise InputError(f"--scale is {request.scale}; expected 0.05 to 1")
+    check_number("--scale", 1 if request.scale is None else request.scale, 0.05, 1)
+    check_number("--fps", 1 if request.budget is None else request.budget, 0.1, 1000)
+    check_number("--empty", request.empty, 0, 600)
     if request.captures:
         request.refuse(["frames"], "applies only to a recording; expected none with --captures")
     else:
         request.refuse(["empty"], "applies only to --captures; expected them with it")
-    if request.budget is not None and not 0.1 <= request.budget <= 1000:
-        raise InputError(f"--fps is {request.budget}; expected 0.1 to 1000 poses per second")
-    if not 0 <= request.empty <= 600:
-        raise InputError(f"--empty is {request.empty}; expected 0 to 600 s")
 
 
 def _make_tracks(

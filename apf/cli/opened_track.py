@@ -4,17 +4,15 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from apf.report.drawing import gather
 from apf.request import ExportRequest, SmoothRequest
-from apf.tracking.people import PeopleTracks, holds_people
-from apf.tracking.track import Track
+from apf.tracking.people import PeopleTracks
 from cl import InputError
 
 
 def open_given_tracks(path: Path, cutoff: float | None = None) -> PeopleTracks:
     """Return the tracks of everybody at `path`. cutoff: of the smoothing, Hz, if it is stated.
     Raises InputError, also for a track of no frame, and of a body that it does not hold."""
-    tracks = PeopleTracks.open(path) if holds_people(path) else gather(Track.open(path))
+    tracks = PeopleTracks.open(path)
     for track in tracks:
         if not len(track):
             raise InputError(f"{path}: holds no tracked frame; expected at least one")

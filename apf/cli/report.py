@@ -6,7 +6,7 @@ from pathlib import Path
 
 from apf.report import OVERLAY, PAGE
 from apf.report.agreement import choose_rows
-from apf.report.drawing import gather, write_overlay
+from apf.report.drawing import write_overlay
 from apf.report.judged import judge_track, write_report
 from apf.report.page import write_page
 from apf.report.summary import (
@@ -30,7 +30,7 @@ def run(request: ReportRequest) -> None:
     if not folder.is_dir():
         raise InputError(f"{folder}: no folder; expected one that `apf track` wrote")
     several = holds_people(folder)
-    tracks = PeopleTracks.open(folder) if several else gather(Track.open(folder))
+    tracks = PeopleTracks.open(folder)
     people = list_people(folder) if several else [folder]
     for track in tracks:
         _check(track, folder)

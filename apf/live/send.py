@@ -30,8 +30,6 @@ from cl.errors import pip_command
 PORTS = {"vmc": 39539, "osc": 9000, "websocket": 8765, "lsl": 0}
 #: Unity's names of our skeleton's nodes, where they differ.
 _UNITY = {"Arm": "UpperArm", "ForeArm": "LowerArm", "UpLeg": "UpperLeg", "Leg": "LowerLeg"}
-#: Time after which a page of the WebSocket that reads nothing is let go, s.
-_PATIENCE = 5.0
 
 
 @dataclass(frozen=True)
@@ -193,7 +191,7 @@ class WebSocketSender(Sender):
 
         self._news = threading.Condition()
         self._newest, self._count, self._closed = "", 0, False
-        self._server = serve(self._serve, target.host, target.port, close_timeout=_PATIENCE)
+        self._server = serve(self._serve, target.host, target.port)
         threading.Thread(target=self._server.serve_forever, daemon=True).start()
 
     def send(self, pose: SentPose) -> None:

@@ -125,13 +125,6 @@ class Figure:
         return np.array(colours, np.uint8).reshape(-1, 3)
 
 
-def gather(tracks: Track | PeopleTracks) -> PeopleTracks:
-    """Return the people of a take; a single track is that of the only one."""
-    if isinstance(tracks, Track):
-        return PeopleTracks((tracks,), tracks.frames, (tracks.frames,))
-    return tracks
-
-
 def make_figures(tracks: PeopleTracks) -> list[Figure]:
     """Return the figure of each person, in the frames that show the person."""
     several = len(tracks) > 1
@@ -222,7 +215,7 @@ def write_overlay(
     progress: called after each frame. Plays as fast as the scene (slower below 1 frame/s). Raises
     InputError when a frame is not in the sequence or the video cannot be written.
     """
-    everybody = gather(tracks)
+    everybody = PeopleTracks.of(tracks) if isinstance(tracks, Track) else tracks
     figures, frames = make_figures(everybody), everybody.frames
     steps = np.diff(frames)
     step = max(1.0, float(np.median(steps)) if steps.size else 1.0)

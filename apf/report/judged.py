@@ -16,11 +16,11 @@ from apf.report.agreement import (
     compare_with_silhouettes,
     measure_keypoint_agreement,
 )
-from apf.report.drawing import gather
 from apf.report.motion_limits import find_impossible_motion
 from apf.report.page import write_page
 from apf.report.quality import Quality
 from apf.report.summary import SUMMARY, body_facts, read_tracked_grid
+from apf.tracking.people import PeopleTracks
 from apf.tracking.track import Track
 from psfs.common.files import read_text, write_json
 from psfs.session import Session
@@ -87,7 +87,7 @@ def write_report(
     if page:
         settings = folder / "settings.toml"
         text = read_text(settings, "settings") if settings.exists() else ""
-        track, shown = gather(quality.track), summary | {"settings": text}
+        track, shown = PeopleTracks.of(quality.track), summary | {"settings": text}
         write_page(folder / PAGE, name, track, folder / OVERLAY, quality, shown)
     write_json(folder / SUMMARY, summary)
     return written

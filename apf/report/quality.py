@@ -225,7 +225,7 @@ class Quality:
         for what, rows in self.doubtful.items():
             ranges = self._ranges(rows)
             more = f" and {len(ranges) - _NAMED} more" if len(ranges) > _NAMED else ""
-            shown = ", ".join(_range(*ends) for ends in ranges[:_NAMED])
+            shown = ", ".join(spans(range(a, b + 1)) for a, b in ranges[:_NAMED])
             lines.append(f"look at {what}: frames {shown}{more}")
         return lines
 
@@ -279,7 +279,3 @@ def camera_means(scores: np.ndarray) -> np.ndarray:
 def _name_cameras(cameras: Items[str], scores: np.ndarray) -> dict[str, float | None]:
     means = camera_means(scores)
     return {name: json_number(value) for name, value in zip(cameras, means, strict=True)}
-
-
-def _range(first: int, last: int) -> str:
-    return f"{first}" if first == last else f"{first}-{last}"

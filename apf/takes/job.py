@@ -15,9 +15,7 @@ from apf.tracking.progress import StageProgress
 from apf.tracking.trackers import with_seeds
 from cl import Device, InputError, NumpyDevice
 from psfs.common.files import resolve_path
-
-#: Greatest number of runs for --seeds.
-MOST_SEEDS = 1000
+from psfs.common.ranges import check_number
 
 
 @dataclass(frozen=True)
@@ -75,8 +73,7 @@ def list_inputs(request: TrackingRequest) -> list[Path]:
 def list_seeds(request: TrackingRequest) -> list[int]:
     """Return the seeds of the runs. Raises InputError."""
     n_runs = 1 if request.seeds is None else request.seeds
-    if not 1 <= n_runs <= MOST_SEEDS:
-        raise InputError(f"--seeds is {n_runs}; expected 1 to {MOST_SEEDS}")
+    check_number("--seeds", n_runs, 1, 1000)
     first = request.method.filter.search.seed
     seeds = list(range(first, first + n_runs))
     with_seeds(request.method, seeds[-1:])

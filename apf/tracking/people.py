@@ -105,13 +105,17 @@ class PeopleTracks(Sequence[Track]):
         write_json(Path(folder) / PEOPLE, facts)
 
     @classmethod
+    def of(cls, *tracks: Track) -> PeopleTracks:
+        """Return tracks that show everybody in the same frames."""
+        return cls(tracks, tracks[0].frames, (tracks[0].frames,) * len(tracks))
+
+    @classmethod
     def open(cls, folder: str | Path) -> PeopleTracks:
-        """Return the tracks in a folder that `save` or `apf track` wrote, of one person as well.
-        Raises InputError if `people.json` or a track is missing or invalid."""
+        """Return the tracks in a folder that `save` or `apf track` wrote, or that of one person,
+        see `Track.open`. Raises InputError if one is missing or invalid."""
         folder = Path(folder)
-        if not holds_people(folder) and (folder / "track.npz").is_file():
-            track = Track.open(folder)
-            return cls((track,), track.frames, (track.frames,))
+        if not holds_people(folder):
+            return cls.of(Track.open(folder))
         listed = _read_list(folder)
         with name_file_in_errors(folder / PEOPLE):
             frames = parse_spans(listed.frames)

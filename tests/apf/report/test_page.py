@@ -16,7 +16,6 @@ from helpers.browser import browser
 from apf.cli import main
 from apf.report import PAGE
 from apf.report.agreement import Agreement
-from apf.report.drawing import gather
 from apf.report.page import encode_page_video, write_page
 from apf.report.quality import Quality
 from apf.report.summary import body_facts
@@ -80,7 +79,7 @@ def page_of(quality: Quality, path: Path, video: Path) -> Path:
         "files": ["track.npz"],
         "settings": "particles = 200\n",
     }
-    write_page(path, "a <walk>", gather(quality.track), video, quality, summary)
+    write_page(path, "a <walk>", PeopleTracks.of(quality.track), video, quality, summary)
     return path
 
 
