@@ -241,7 +241,7 @@ class Page(BrowserPage):
         )
         self._opened = _NOTHING
         self._message: Any = gui.add_html("")
-        again = gui.add_button("look for new folders", color="gray")
+        again: Any = gui.add_button("look for new folders", color="gray")
         again.on_click(lambda event: self.list_folders())
         self.demo_button: Any = gui.add_button(
             "demo walk",
