@@ -12,7 +12,7 @@ from apf.studio.calibrate import CalibrateView
 from apf.studio.correct_panel import CorrectPanel
 from apf.studio.export_panel import ExportPanel
 from apf.studio.film import FilmView
-from apf.studio.folders import Found, Roots, find_kind
+from apf.studio.folders import Roots, find_kind
 from apf.studio.footage import FootageView
 from apf.studio.opened import MakeDevice, open_track
 from apf.studio.run_panel import RunPanel
@@ -89,13 +89,12 @@ class Page(BrowserPage):
             self.export = ExportPanel(gui, self.say, lambda: self._show_step("Save"))
         self._show_step("Open")
 
-    def list_folders(self) -> list[Found]:
-        """Find the folders that can be opened again, and offer them."""
+    def list_folders(self) -> None:
+        """Offer the folders that can be opened, found again."""
         found = self.roots.find()
         self._choices = {f"{one.name} ({_KINDS[one.kind]})": one for one in found}
         live = [_LIVE] if self._captures is not None else []
         self._folder.options = [_NOTHING, *live, *self._choices]
-        return found
 
     def open(self, path: Path) -> None:
         """Open a folder in place of the one that is open. Raises UserError, after which nothing is

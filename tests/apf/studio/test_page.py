@@ -151,7 +151,7 @@ def test_several_people_are_shown_together(
         path = tmp_path / "duo" / f"person{k}" / "summary.json"
         write_json(path, {**facts, "says": says, "quality": {"look_at": look_at}})
     page = open_page(tmp_path)
-    assert [one.name for one in page.list_folders()] == ["duo", "duo/person1", "duo/person2"]
+    assert [one.name for one in page.roots.find()] == ["duo", "duo/person1", "duo/person2"]
     page.open(tmp_path / "duo")
     watch = page.watch
     assert watch is not None and watch.opened.frames.tolist() == list(range(50))
