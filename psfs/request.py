@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Annotated, Any, ClassVar, TypeVar
 
 from cl import InputError
-from psfs.calibration.config import CalibrationConfig
 from psfs.calibration.targets.dictionaries import DICTIONARIES
 from psfs.common.config import part
 from psfs.common.files import check_folder, resolve_path
@@ -28,6 +27,8 @@ T = TypeVar("T")
 _MOST_ALONG = 10_000
 #: The programs whose calibration is written: the names of `psfs.cameras.calibration.writers`.
 FORMATS = ("caliscope", "colmap", "easymocap", "opencv", "panoptic", "qualisys")
+#: Greatest number of frames that are searched for a target, evenly spread over the footage.
+MOST_TARGET_FRAMES = 300
 #: Names of the files and folder that a calibration is written to.
 CALIBRATION, REPORT, RIG, PICTURES = "calibration.toml", "calibration.json", "rig.png", "cameras"
 #: The file of `psfs silhouettes`, and the frames shown by default, spread over the sequence.
@@ -371,16 +372,13 @@ class CalibrateRequest(PersonRequest):
     frames: Annotated[
         slice | None,
         Flag(f"frames counted from 0, b excluded (default: all, at most "
-             f"{CalibrationConfig().most_frames}, evenly spread)", "a:b", frame_range,
+             f"{MOST_TARGET_FRAMES}, evenly spread)", "a:b", frame_range,
              group=FOOTAGE),
     ] = None  # fmt: skip
     capture: Annotated[
         SequenceSettings,
         Part(FOOTAGE, only=("cameras", "fps", "sync", "calibration"), texts=CAPTURE_TEXTS),
     ] = part(SequenceSettings)
-    calibration_settings: Annotated[CalibrationConfig, Part(only=(), table="calibration")] = part(
-        CalibrationConfig
-    )
 
 
 class ConvertRequest(FolderRequest):

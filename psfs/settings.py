@@ -6,26 +6,10 @@ flags of single settings.
 
 from __future__ import annotations
 
-from psfs.calibration.config import CalibrationConfig
 from psfs.common.config import Config, part
-from psfs.diagnostics.config import (
-    AlignmentConfig,
-    FaultConfig,
-    InViewConfig,
-    OccluderConfig,
-)
 from psfs.footage import settings as footage
 from psfs.self_calibration.config import PersonConfig
 from psfs.voxels.config import ReconstructionConfig
-
-
-class DiagnosticsSettings(Config):
-    """Limits beyond which footage and cameras count as faulty."""
-
-    faults: FaultConfig = part(FaultConfig)
-    alignment: AlignmentConfig = part(AlignmentConfig)
-    occluders: OccluderConfig = part(OccluderConfig)
-    in_view: InViewConfig = part(InViewConfig)
 
 
 class Settings(Config):
@@ -33,6 +17,4 @@ class Settings(Config):
 
     capture: footage.SequenceSettings = part(footage.SequenceSettings)
     reconstruction: ReconstructionConfig = part(ReconstructionConfig)
-    diagnostics: DiagnosticsSettings = part(DiagnosticsSettings)
-    calibration: CalibrationConfig = part(CalibrationConfig)
     person: PersonConfig = part(PersonConfig)

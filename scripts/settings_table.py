@@ -23,8 +23,8 @@ _HEAD = """# Settings
 The settings that have a flag, that `sequence.toml` may hold, or that a paper's preset states. This
 page is generated from the code by `python scripts/settings_table.py`; a test compares them.
 
-Each section is a node of the tree `apf.settings.Settings`. The nodes `reconstruction`, `method`,
-`live` and `calibration` can be stated as tables of `--config FILE.toml`, in presets and in the
+Each section is a node of the tree `apf.settings.Settings`. The nodes `reconstruction`, `method`
+and `live` can be stated as tables of `--config FILE.toml`, in presets and in the
 `settings.toml` beside results; `capture` is what `sequence.toml` may hold. So
 `method.filter.search.n_layers` is `n_layers` in the table `[method.filter.search]`. In Python every
 node is a class whose arguments these are, and `config.replace(...)` changes some. What lies outside

@@ -53,9 +53,7 @@ def calibrate_by_keypoints(
     names = list(used.values())
     longest = round(config.longest_lag * rate)
     points = keypoints.points[:, :, list(used)]
-    own = calibrate_by_points(
-        cameras, points, longest, config.points, _find_segments(names), config.focal
-    )
+    own = calibrate_by_points(cameras, points, longest, config, _find_segments(names))
     return _align(own, names, _place_standing(names, config.stature))
 
 

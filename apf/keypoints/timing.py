@@ -12,7 +12,7 @@ import numpy as np
 from apf.keypoints.keypoints import Keypoints
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.triangulation import TriangulationConfig
-from psfs.diagnostics.config import FaultConfig
+from psfs.common.numbers import FALSE_ALARMS
 from psfs.diagnostics.small_views import SmallViews
 from psfs.footage.camera_times import (
     PairCosts,
@@ -80,7 +80,7 @@ def _estimate_lags(n_cameras: int, costs: PairCosts) -> list[int]:
     are small. Of more than two cameras, behind the median one."""
     times = estimate_times(n_cameras, costs)
     offsets = times.offsets - (times.offsets[0] if n_cameras == 2 else 0)
-    lags = np.where(times.chances < FaultConfig().false_alarms, offsets.round().astype(int), 0)
+    lags = np.where(times.chances < FALSE_ALARMS, offsets.round().astype(int), 0)
     lags[np.abs(lags) < _LEAST] = 0
     return lags.tolist()
 

@@ -15,7 +15,6 @@ from apf.studio.found_target import FoundTarget
 from apf.studio.target_fields import PERSON, TargetFields
 from apf.studio.work import Work, WorkSlot, free_folder
 from cl import UserError
-from psfs.calibration.config import CalibrationConfig
 from psfs.calibration.report import Coverage
 from psfs.calibration.targets.detection import (
     find_sightings,
@@ -29,7 +28,7 @@ from psfs.page.nodes import CameraNodes, add_floor, box_around
 from psfs.page.pictures import PictureReader, mosaic, small_pictures
 from psfs.page.timeline import TimeLine, add_key
 from psfs.page.words import classify, make_lines, make_text
-from psfs.request import CalibrateRequest, frame_range
+from psfs.request import MOST_TARGET_FRAMES, CalibrateRequest, frame_range
 from psfs.sequence import Frame
 
 if TYPE_CHECKING:
@@ -56,8 +55,7 @@ class CalibrateView:
     ) -> None:
         self.views = open_uncalibrated(folder, SequenceSettings())
         self._server, self._results, self._known, self._use = server, results, dict(known), use
-        self._config = CalibrationConfig()
-        self._found = FoundTarget(self.views.rig, self._config)
+        self._found = FoundTarget(self.views.rig)
         self._slot = WorkSlot()
         self._stopped = threading.Event()
         self._worker: threading.Thread | None = None
@@ -181,7 +179,7 @@ class CalibrateView:
 
     def _search(self, stopped: threading.Event) -> None:
         every = range(len(self.views))
-        chosen = list(every[:: max(1, -(-len(every) // self._config.most_frames))])
+        chosen = list(every[:: max(1, -(-len(every) // MOST_TARGET_FRAMES))])
         self._notes = []
         try:
             finder = self.target.make_finder(lambda: median_pictures(self.views, chosen))

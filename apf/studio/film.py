@@ -26,9 +26,8 @@ from psfs.calibration.targets.target import Sighting
 from psfs.cameras.calibration import read_calibration
 from psfs.cameras.camera import CameraRig
 from psfs.common.files import write_picture
-from psfs.diagnostics.config import FaultConfig, InViewConfig
 from psfs.diagnostics.person_in_view import PersonInView, find_person_in_views
-from psfs.diagnostics.small_views import SILHOUETTES, Outline, Shrink, extract_outline
+from psfs.diagnostics.small_views import SILHOUETTES, SMALL_SIDE, Outline, Shrink, extract_outline
 from psfs.page.pictures import blend_silhouette, fill_view, label_picture, mosaic, small_pictures
 from psfs.page.timeline import add_key
 from psfs.page.words import make_lines, make_table, make_text
@@ -281,7 +280,7 @@ class PersonCheck:
     def __init__(
         self, device: Device | NumpyDevice, rig: CameraRig, empty: Sequence[np.ndarray]
     ) -> None:
-        self._shrink = Shrink(rig, rig.factor_within(FaultConfig().longest_side))
+        self._shrink = Shrink(rig, rig.factor_within(SMALL_SIDE))
         small = self._shrink.small
         self._evidence_of = make_evidence_function(
             device, small, self._shrink.background(average_pictures(empty)), SILHOUETTES
@@ -306,7 +305,6 @@ class PersonCheck:
 
     def describe(self) -> str:
         """Return what each camera sees and what to do, HTML."""
-        config = InViewConfig()
         if not any(one.seen for one in self.views):
             return make_lines([("note", "nobody is seen yet")])
         rows = [
@@ -314,7 +312,7 @@ class PersonCheck:
             for one in self.views
         ]
         advice: list[tuple[str, object]] = [
-            ("warning", text) for one in self.views if (text := one.describe(config))
+            ("warning", text) for one in self.views if (text := one.describe())
         ]
         lines = advice or [("good", "every camera sees the whole person")]
         return make_table(rows, ("camera", "seen", "whole", "px high")) + make_lines(lines)

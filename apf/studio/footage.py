@@ -12,7 +12,6 @@ import numpy as np
 from apf.studio.curves import draw_lags
 from apf.studio.opened import MakeDevice
 from cl import UserError
-from psfs.diagnostics.config import InViewConfig
 from psfs.diagnostics.examination import Examination, examine
 from psfs.diagnostics.person_in_view import PersonInView, find_person_in_views
 from psfs.diagnostics.sequence_info import UNIT_ASKED, SequenceInfo, sequence_info
@@ -192,8 +191,7 @@ class FootageView(Watch):
             figure = draw_lags(costs, views.rig.names)
             with self._beside:
                 self._parts.append(self._server.gui.add_plotly(figure, aspect=0.8))
-        config = InViewConfig()
-        return [text for seen in self._person if (text := seen.describe(config))]
+        return [text for seen in self._person if (text := seen.describe())]
 
     def _describe(self) -> str:
         info = self.opened.info

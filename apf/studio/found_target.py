@@ -7,7 +7,6 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 
-from psfs.calibration.config import CalibrationConfig
 from psfs.calibration.report import CELLS, Coverage, measure_coverage
 from psfs.calibration.targets.target import Sighting
 from psfs.cameras.camera import CameraRig
@@ -18,10 +17,10 @@ _POINT, _SHADE = (0, 230, 120), 0.45
 
 
 class FoundTarget:
-    """The sightings of a target by the cameras of `rig`. config: says how many are enough."""
+    """The sightings of a target by the cameras of `rig`."""
 
-    def __init__(self, rig: CameraRig, config: CalibrationConfig | None = None) -> None:
-        self._rig, self._config = rig, config or CalibrationConfig()
+    def __init__(self, rig: CameraRig) -> None:
+        self._rig = rig
         self._name = "target"
         self.sightings: list[Sighting] = []
         self.coverage: list[Coverage] = []
@@ -54,7 +53,7 @@ class FoundTarget:
         rows, gaps = [], list[tuple[str, object]]()
         for camera, seen in zip(self._rig, self.coverage, strict=False):
             rows.append((camera.name, seen.frames, seen.shared, f"{seen.share:.0%}"))
-            missing = seen.list_gaps(self._name, lenses_known, self._config)
+            missing = seen.list_gaps(self._name, lenses_known)
             gaps += [("warning", f"{camera.name} {text}") for text in missing]
         if not rows:
             return ""

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cl import InputError
-from psfs.calibration.config import MarkerConfig
 from psfs.calibration.targets.boards import CharucoFinder, ChessboardFinder
 from psfs.calibration.targets.detection import Finder
 from psfs.calibration.targets.markers import MarkerFinder
@@ -79,7 +78,7 @@ class TargetFields:
         w) uint8 without what moves, for a wand. Raises InputError."""
         if self.kind.value == WAND:
             target = make_wand(read_metres(self.wand, "wand's length"))
-            return MarkerFinder(target, find_medians(), MarkerConfig())
+            return MarkerFinder(target, find_medians())
         squares, square = self._squares(), float(self.square.value)
         if self.kind.value == CHESSBOARD:
             return ChessboardFinder(squares, square)

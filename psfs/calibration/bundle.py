@@ -8,16 +8,18 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from psfs.calibration.config import CalibrationConfig
 from psfs.calibration.scene import CalibrationScene, rigid_transform
 from psfs.calibration.targets.target import Sighting, Target, group_by_view
 from psfs.cameras.camera import Camera
-from psfs.common.least_squares import Parameters, Residuals, Slope, prior, solve
+from psfs.common.least_squares import Parameters, Residuals, Slope, Solution, prior, solve
 from psfs.common.progress import one_blas_thread
 
 #: Parameters of a pose (Rodrigues vector, translation) and of a lens (log fx, log fy, cx, cy, k1,
 #: k2, p1, p2), the columns of cv2.projectPoints's Jacobian.
 _POSE, _LENS = 6, 8
+#: Standard deviations of a lens's parameters, the principal point's in widths of the picture, and
+#: of the ratio of fx and fy around 1: lenses are well within them.
+_LENSES, _ASPECT = (np.inf, np.inf, 0.05, 0.05, 0.3, 0.3, 0.01, 0.01), 0.01
 
 
 @dataclass(frozen=True)
@@ -38,19 +40,35 @@ def adjust_bundle(
     target: Target,
     sightings: Sequence[Sighting],
     freedom: FreeParameters,
-    config: CalibrationConfig,
 ) -> CalibrationScene:
     """Minimise the robust sum of squared reprojection errors, px, with weak priors on the lenses.
 
     Returns the adjusted scene; free poses are those of the sightings' frames only. The noise of
     each camera's points is estimated.
     """
-    problem = _Problem(scene, target, sightings, freedom, config)
-    if not problem.frames:
-        return scene
-    with one_blas_thread():  # the matrices are too small for more threads
-        found = solve(problem.evaluate, problem.start, eliminate=["poses"], free=problem.free)
-    return problem.scene(found.parameters)
+    problem = _Problem(scene, target, sightings, freedom)
+    return problem.scene(problem.solve().parameters) if problem.frames else scene
+
+
+def compare_lenses(
+    scene: CalibrationScene, target: Target, sightings: Sequence[Sighting],
+    views: Sequence[int], held: tuple[int, ...],
+) -> dict[int, tuple[float, Camera]]:  # fmt: skip
+    """Estimate the intrinsics of the cameras `views`, all at once; return, for each, F and the
+    camera with the estimate.
+
+    F is the change's square per parameter in units of its covariance, near 1 if the given ones are
+    right (Wald's test).
+    """
+    problem = _Problem(scene, target, sightings, FreeParameters(tuple(views), held))
+    found = problem.solve()
+    cameras = problem.scene(found.parameters).cameras
+    tests = {}
+    for view in views:
+        change = found.parameters["lenses"][view] - problem.start["lenses"][view]
+        inverse = np.linalg.pinv(found.covariance("lenses", [view]), hermitian=True)
+        tests[view] = float(change @ inverse @ change) / _LENS, cameras[view]
+    return tests
 
 
 class _Problem:
@@ -66,9 +84,8 @@ class _Problem:
         target: Target,
         sightings: Sequence[Sighting],
         freedom: FreeParameters,
-        config: CalibrationConfig,
     ) -> None:
-        self.target, self.freedom, self.config = target, freedom, config
+        self.target, self.freedom = target, freedom
         self.first, cameras = scene, scene.cameras
         self.frames = sorted({sighting.frame for sighting in sightings})
         self.turns = np.array([scene.poses[frame][:3, :3] for frame in self.frames])
@@ -89,6 +106,11 @@ class _Problem:
             "lenses": np.stack([_pack_lens(camera) for camera in cameras]),
             "poses": np.reshape(poses, (-1, _POSE)),
         }
+
+    def solve(self) -> Solution:
+        """Return the solution."""
+        with one_blas_thread():  # the matrices are too small for more threads
+            return solve(self.evaluate, self.start, eliminate=["poses"], free=self.free)
 
     def _view(
         self, sightings: Sequence[Sighting], rows: dict[int, int]
@@ -164,11 +186,11 @@ class _Problem:
 
     def _lens_priors(self, lenses: np.ndarray) -> list[Residuals]:
         """Return the priors of lenses: aspect, principal point, distortion."""
-        config, free = self.config, list(self.freedom.lenses)
+        free = list(self.freedom.lenses)
         sizes = np.array([self.first.cameras[view].size for view in free], float).reshape(-1, 2)
         sigmas = np.full((len(lenses), _LENS), np.inf)
-        sigmas[free, 2:4] = config.centre_sigma * sizes[:, :1]
-        sigmas[free, 4:6], sigmas[free, 6:] = config.lens_sigma, config.tangential_sigma
+        sigmas[free] = _LENSES
+        sigmas[free, 2:4] *= sizes[:, :1]
         means = np.zeros(sigmas.shape)
         means[free, 2:4] = (sizes - 1) / 2
         aspect = np.zeros((len(free), 1, _LENS))
@@ -176,7 +198,7 @@ class _Problem:
         off = lenses[free, 0] - lenses[free, 1]
         slope = Slope("lenses", np.array(free, int), aspect)
         return [
-            Residuals(off, [slope], sigma=config.aspect_sigma, robust=False),
+            Residuals(off, [slope], sigma=_ASPECT, robust=False),
             prior("lenses", lenses, sigmas, means),
         ]
 

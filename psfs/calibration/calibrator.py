@@ -12,15 +12,14 @@ import numpy as np
 
 from cl import InputError
 from psfs.calibration.bundle import FreeParameters, adjust_bundle
-from psfs.calibration.config import CalibrationConfig
 from psfs.calibration.consistency import (
-    compare_cameras,
     describe_lens_change,
     explain_disagreement,
     find_outlier_camera,
     find_wrong_intrinsics,
 )
 from psfs.calibration.scene import (
+    OUTLIER,
     CalibrationScene,
     all_reprojection_errors,
     reprojection_errors,
@@ -29,7 +28,13 @@ from psfs.calibration.scene import (
 from psfs.calibration.start.board import place_cameras_by_board
 from psfs.calibration.start.lenses import default_camera, estimate_camera_from_boards
 from psfs.calibration.start.motion_capture import place_cameras_by_markers
-from psfs.calibration.start.placing import check_linked, count_shared_frames, find_spanning_pairs
+from psfs.calibration.start.placing import (
+    FEW_BOARDS,
+    FEW_WANDS,
+    check_linked,
+    count_shared_frames,
+    find_spanning_pairs,
+)
 from psfs.calibration.start.wand import estimate_focal_lengths, place_cameras_by_wand
 from psfs.calibration.targets.target import Sighting, Target, group_by_view, select_shared
 from psfs.cameras.camera import Camera
@@ -37,6 +42,8 @@ from psfs.cameras.names import join_names
 
 #: Largest skew of known intrinsics, px, which moves pixels by less than a tenth of one.
 _MOST_SKEW = 0.1
+#: Share of a camera's sightings that may be false detections; with more, the camera disagrees.
+_FALSE = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +75,6 @@ def calibrate_cameras(
     target: Target,
     sightings: Sequence[Sighting],
     lenses_known: bool,
-    config: CalibrationConfig,
 ) -> CalibrationResult:
     """Estimate the cameras' poses, and their intrinsics unless these are known.
 
@@ -80,20 +86,18 @@ def calibrate_cameras(
     if target.known is not None:
         sightings = [s for s in sightings if s.frame in target.known]
     shared = count_shared_frames(sightings, len(cameras))
-    scene, ordered = _initialise(cameras, target, sightings, shared, lenses_known, config)
+    scene, ordered = _initialise(cameras, target, sightings, shared, lenses_known)
     everyone = tuple(range(len(cameras)))
     held = _choose_anchor(shared, target)
     freedom = FreeParameters(() if lenses_known else everyone, held)
     freedom = replace(freedom, poses=target.known is None)
-    scene = adjust_bundle(scene, target, ordered, freedom, config)
-    kept = _reject_false(scene, target, ordered, config)
+    scene = adjust_bundle(scene, target, ordered, freedom)
+    kept = _reject_false(scene, target, ordered)
     if len(kept) < len(ordered):
-        scene = adjust_bundle(scene, target, kept, freedom, config)
-    scene, agreeing, disagreeing = _exclude_outlier_cameras(
-        scene, target, kept, freedom, names, config
-    )
+        scene = adjust_bundle(scene, target, kept, freedom)
+    scene, agreeing, disagreeing = _exclude_outlier_cameras(scene, target, kept, freedom, names)
     error = rms(np.minimum(all_reprojection_errors(scene, target, agreeing), 1e3))
-    if not error <= config.outlier:  # also NaN, of no sighting at all
+    if not error <= OUTLIER:  # also NaN, of no sighting at all
         raise InputError(
             f"the sightings of the {target.name} fit no arrangement of the cameras; expected "
             "pictures of the same time, one rigid target of the stated size, cameras that stay"
@@ -101,7 +105,7 @@ def calibrate_cameras(
     misfits: dict[str, str] = {}
     if lenses_known:
         views = [view for view in everyone if names[view] not in disagreeing]
-        wanted = find_wrong_intrinsics(scene, target, agreeing, views, config)
+        wanted = find_wrong_intrinsics(scene, target, agreeing, views)
         misfits = {names[v]: describe_lens_change(cameras[v], wanted[v]) for v in wanted}
     dropped = [len(of) for of in group_by_view(ordered, len(cameras))]
     for view, own in enumerate(group_by_view(kept, len(cameras))):
@@ -132,7 +136,6 @@ def _initialise(
     sightings: Sequence[Sighting],
     shared: np.ndarray,
     lenses_known: bool,
-    config: CalibrationConfig,
 ) -> tuple[CalibrationScene, list[Sighting]]:
     """Estimate the initial cameras and target poses; return the sightings in order of their
     points."""
@@ -155,7 +158,7 @@ def _initialise(
         return place_cameras_by_markers(cameras, target, sightings, lenses_known)
     if len(cameras) < 2:
         raise InputError("a single camera; expected two or more that see the target together")
-    fewest = config.shared_boards if target.planar else config.shared_wands
+    fewest = FEW_BOARDS if target.planar else FEW_WANDS
     check_linked(shared, fewest, names, target.name)
     pairs = find_spanning_pairs(shared, fewest)
     if target.planar:
@@ -176,13 +179,12 @@ def _reject_false(
     scene: CalibrationScene,
     target: Target,
     sightings: Sequence[Sighting],
-    config: CalibrationConfig,
 ) -> list[Sighting]:
     """Reject sightings with large errors, except of cameras that have many of them."""
     kept: list[Sighting] = []
     for own in group_by_view(sightings, len(scene.cameras)):
-        near = [s for s in own if np.median(reprojection_errors(scene, target, s)) < config.outlier]
-        least = (1 - config.false_share) * len(own)
+        near = [s for s in own if np.median(reprojection_errors(scene, target, s)) < OUTLIER]
+        least = (1 - _FALSE) * len(own)
         kept += near if len(near) >= least else own
     return select_shared(kept, _count_needed(target))
 
@@ -198,7 +200,6 @@ def _exclude_outlier_cameras(
     sightings: list[Sighting],
     freedom: FreeParameters,
     names: Sequence[str],
-    config: CalibrationConfig,
 ) -> tuple[CalibrationScene, list[Sighting], dict[str, str]]:
     """Set aside, one at a time, the cameras that disagree with the others.
 
@@ -209,25 +210,18 @@ def _exclude_outlier_cameras(
     given = scene, sightings, dict[str, str]()
     views = list(range(len(names)))
     disagreeing: dict[str, str] = {}
-    while (
-        outlier := find_outlier_camera(
-            compare_cameras(scene, target, sightings, views, config), config
-        )
-    ) is not None:
-        views.remove(outlier.view)
-        agreeing = [s for s in sightings if s.view in views]
-        agreeing = select_shared(agreeing, _count_needed(target))
-        lenses = tuple(view for view in freedom.lenses if view in views)
+    used = sightings
+    while (view := find_outlier_camera(scene, target, used, views)) is not None:
+        views.remove(view)
+        used = select_shared([s for s in sightings if s.view in views], _count_needed(target))
+        lenses = tuple(other for other in freedom.lenses if other in views)
         anchor = freedom.held and (views[0],)
         held = (*anchor, *(v for v in range(len(names)) if v not in views))
-        scene = adjust_bundle(
-            scene, target, agreeing, FreeParameters(lenses, held, freedom.poses), config
-        )
-        others = tuple(view for view in range(len(names)) if view != outlier.view)
-        own = [s for s in sightings if s.view == outlier.view and s.frame in scene.poses]
-        scene = adjust_bundle(scene, target, own, FreeParameters((), others, poses=False), config)
-        why = explain_disagreement(replace(outlier, scene=scene), target, own, config)
-        disagreeing[names[outlier.view]] = f"{outlier.own:.1f} px off what the others see; {why}"
+        scene = adjust_bundle(scene, target, used, FreeParameters(lenses, held, freedom.poses))
+        others = tuple(other for other in range(len(names)) if other != view)
+        own = [s for s in sightings if s.view == view and s.frame in scene.poses]
+        scene = adjust_bundle(scene, target, own, FreeParameters((), others, poses=False))
+        disagreeing[names[view]] = explain_disagreement(scene, target, own)
         if 2 * len(disagreeing) >= len(names):
             return given
     return scene, [s for s in sightings if s.view in views and s.frame in scene.poses], disagreeing

@@ -10,6 +10,7 @@ import numpy as np
 
 from psfs.calibration.calibrator import CalibrationResult
 from psfs.calibration.report import CELLS, ViewReport
+from psfs.calibration.scene import GOOD
 from psfs.common.files import write_atomically
 
 if TYPE_CHECKING:
@@ -29,8 +30,6 @@ _STYLE: Any = {
 _MARGINS: Any = {
     "left": 0.05, "right": 0.98, "bottom": 0.1, "top": 0.9, "wspace": 0.15, "hspace": 0.3
 }  # fmt: skip
-#: The colour scale of errors ends here or higher, px.
-_LEAST_SCALE_PX = 1.0
 _WRAP = 62  # characters of a line of text
 
 
@@ -111,7 +110,7 @@ def _draw_coverage(
     order = np.argsort(view.errors)
     drawn = axes.scatter(
         view.pixels[order, 0], view.pixels[order, 1], c=view.errors[order], s=7, cmap="viridis_r",
-        vmin=0, vmax=max(_LEAST_SCALE_PX, float(np.percentile(view.errors, 95))),
+        vmin=0, vmax=max(GOOD, float(np.percentile(view.errors, 95))),
     )  # fmt: skip
     figure.colorbar(drawn, ax=axes, label="reprojection error, px", shrink=0.8)
     axes.set(xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5), aspect="equal")
@@ -121,7 +120,7 @@ def _draw_coverage(
 
 def _draw_histogram(axes: Axes, view: ViewReport) -> None:
     figures = view.figures()
-    top = max(_LEAST_SCALE_PX, 1.5 * figures["p95"])
+    top = max(GOOD, 1.5 * figures["p95"])
     axes.hist(view.errors.clip(0, top), bins=40, range=(0, top), color="#6A8CB5")
     for name, style in (("median", "-"), ("p95", "--")):
         axes.axvline(figures[name], color=_INK, ls=style, lw=1)

@@ -8,15 +8,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from psfs.calibration.calibrator import CalibrationResult
-from psfs.calibration.config import CalibrationConfig
-from psfs.calibration.scene import all_reprojection_errors, rms
-from psfs.calibration.start.placing import count_shared_frames
+from psfs.calibration.scene import GOOD, all_reprojection_errors, rms
+from psfs.calibration.start.placing import FEW_FRAMES, count_shared_frames
 from psfs.calibration.targets.target import Sighting, group_by_view
 from psfs.cameras.camera import Camera
 
-#: Reprojection errors, px: up to the first good, above the second unusable.
-_GOOD, _BAD = 1.0, 3.0
-
+#: Reprojection error above which a calibration is unusable, px.
+_BAD = 3.0
+#: Share of a picture's cells that should have held the target.
+_COVERED = 0.3
 
 #: Cells of a picture, across and down, for measuring coverage.
 CELLS = (8, 6)
@@ -39,23 +39,23 @@ class Coverage:
         """Share of the picture's cells that held points."""
         return float(self.cells.mean())
 
-    def list_gaps(self, target: str, lenses_known: bool, config: CalibrationConfig) -> list[str]:
+    def list_gaps(self, target: str, lenses_known: bool) -> list[str]:
         """List what is missing, and what to do about it. target: its name."""
         gaps = []
-        if self.frames < config.few_frames:
+        if self.frames < FEW_FRAMES:
             gaps.append(
                 f"sees too little: the {target} in {self.frames} frames, expected "
-                f"{config.few_frames} or more; wave it longer where this camera looks"
+                f"{FEW_FRAMES} or more; wave it longer where this camera looks"
             )
-        elif self.shared is not None and self.shared < config.few_frames:
+        elif self.shared is not None and self.shared < FEW_FRAMES:
             gaps.append(
                 f"sees too little together with others: {self.shared} frames, expected "
-                f"{config.few_frames} or more; hold the {target} where two cameras see it at once"
+                f"{FEW_FRAMES} or more; hold the {target} where two cameras see it at once"
             )
-        if not lenses_known and self.share < config.coverage:
+        if not lenses_known and self.share < _COVERED:
             gaps.append(
                 f"sees the {target} in {100 * self.share:.0f} % of its picture, expected "
-                f"{100 * config.coverage:.0f} or more: bring it nearer and into the corners, or "
+                f"{100 * _COVERED:.0f} or more: bring it nearer and into the corners, or "
                 "use known lenses (--intrinsics)"
             )
         return gaps
@@ -106,9 +106,7 @@ class ViewReport:
         }
 
 
-def summarise_views(
-    result: CalibrationResult, lenses_known: bool, config: CalibrationConfig
-) -> list[ViewReport]:
+def summarise_views(result: CalibrationResult, lenses_known: bool) -> list[ViewReport]:
     """Summarise what every camera saw, and its faults."""
     cameras = result.scene.cameras
     found = []
@@ -118,7 +116,7 @@ def summarise_views(
         errors = all_reprojection_errors(result.scene, result.target, sightings)
         shared = int(np.delete(result.shared[view], view).max(initial=0))
         seen = replace(seen, shared=shared)
-        faults = _list_faults(result, cameras[view].name, seen, lenses_known, config)
+        faults = _list_faults(result, cameras[view].name, seen, lenses_known)
         dropped = result.dropped[cameras[view].name]
         found.append(ViewReport(cameras[view], seen, pixels, errors, dropped, faults))
     return found
@@ -129,7 +127,6 @@ def _list_faults(
     name: str,
     seen: Coverage,
     lenses_known: bool,
-    config: CalibrationConfig,
 ) -> tuple[str, ...]:
     """List what is wrong with a camera and what to do."""
     faults = []
@@ -144,7 +141,7 @@ def _list_faults(
             "pictures' size and zoom"
         )
     needed = seen if result.target.known is None else replace(seen, shared=None)
-    return (*faults, *needed.list_gaps(result.target.name, lenses_known, config))
+    return (*faults, *needed.list_gaps(result.target.name, lenses_known))
 
 
 def judge_calibration(views: list[ViewReport]) -> str:
@@ -156,7 +153,7 @@ def judge_calibration(views: list[ViewReport]) -> str:
     wrong = sum(bool(view.faults) for view in views)
     if level > _BAD:
         return f"not to be used: {found}"
-    if level > _GOOD or wrong:
+    if level > GOOD or wrong:
         count = f"; {wrong} of {len(views)} cameras to look at" if wrong else ""
         return f"to be used with care: {found}{count}"
     return f"good: {found}"

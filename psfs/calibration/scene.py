@@ -11,6 +11,12 @@ import numpy as np
 from psfs.calibration.targets.target import Sighting, Target
 from psfs.cameras.camera import Camera
 
+#: Error beyond which a sighting is left out before the last bundle adjustment; of all sightings:
+#: beyond which the calibration has failed, px.
+OUTLIER = 8.0
+#: Error up to which a calibration is good, px: detectors reach 0.1 to 0.5.
+GOOD = 1.0
+
 
 @dataclass(frozen=True, eq=False)
 class CalibrationScene:

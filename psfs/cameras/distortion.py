@@ -46,9 +46,22 @@ def _is_fisheye(coefficients: np.ndarray) -> bool:
     return len(coefficients) > 6 and bool(coefficients[6])
 
 
-def _fisheye_shares(coefficients: np.ndarray, r2: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the ratio (...) of distorted to undistorted radius, and twice its derivative by the
-    squared undistorted radius r2 (...)."""
+def _is_radial(coefficients: np.ndarray) -> bool:
+    """Return whether the lens is Tsai's or a fisheye lens, without a tangential part."""
+    return bool(np.any(coefficients[5:]))
+
+
+def _radial_shares(coefficients: np.ndarray, r2: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the ratio (...) of distorted to undistorted radius without the tangential part, and
+    twice its derivative by the squared undistorted radius r2 (...)."""
+    if not _is_radial(coefficients):
+        k1, k2, _, _, k3 = coefficients[:5]
+        share = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
+        return share, 2 * (k1 + r2 * (2 * k2 + 3 * r2 * k3))
+    if not _is_fisheye(coefficients):
+        kappa = coefficients[5]
+        share = _tsai_radius_ratio(kappa * r2)
+        return share, -2 * kappa * share**3 / (1 + 3 * kappa * r2 * share**2)
     r = np.sqrt(r2)
     angle = np.arctan(r)
     powers = [1.0, *coefficients[:4]]
@@ -69,42 +82,24 @@ def distort(
     x' = x (1 + k1 r^2 + k2 r^4 + k3 r^6) + 2 p1 x y + p2 (r^2 + 2 x^2), and y' likewise; or
     as the other lenses do.
     """
-    k1, k2, p1, p2, k3, *kappa = coefficients
     r2 = x * x + y * y
-    if any(kappa):
-        fisheye = _is_fisheye(coefficients)
-        share = (
-            _fisheye_shares(coefficients, r2)[0] if fisheye else _tsai_radius_ratio(kappa[0] * r2)
-        )
+    share, _ = _radial_shares(coefficients, r2)
+    if _is_radial(coefficients):
         return x * share, y * share
-    radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
-    xd = x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x)
-    return xd, y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y
+    p1, p2 = coefficients[2:4]
+    xd = x * share + 2 * p1 * x * y + p2 * (r2 + 2 * x * x)
+    return xd, y * share + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y
 
 
 def distortion_jacobian(coefficients: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """Return the derivatives (2, 2, ...) of the distorted with respect to the undistorted
     coordinates."""
-    k1, k2, p1, p2, k3, *kappa = coefficients
-    r2 = x * x + y * y
-    if _is_fisheye(coefficients):
-        share, slope = _fisheye_shares(coefficients, r2)
-        mixed = x * y * slope
-        return np.array([[share + x * x * slope, mixed], [mixed, share + y * y * slope]])
-    if any(kappa):
-        share = _tsai_radius_ratio(kappa[0] * r2)
-        slope = -2 * kappa[0] * share**3 / (1 + 3 * kappa[0] * r2 * share**2)
-        mixed = x * y * slope
-        return np.array([[share + x * x * slope, mixed], [mixed, share + y * y * slope]])
-    radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
-    slope = k1 + r2 * (2 * k2 + 3 * r2 * k3)
-    mixed = 2 * x * y * slope + 2 * p1 * x + 2 * p2 * y
-    return np.array(
-        [
-            [radial + 2 * x * x * slope + 2 * p1 * y + 6 * p2 * x, mixed],
-            [mixed, radial + 2 * y * y * slope + 6 * p1 * y + 2 * p2 * x],
-        ]
-    )
+    share, slope = _radial_shares(coefficients, x * x + y * y)
+    p1, p2 = (0.0, 0.0) if _is_radial(coefficients) else coefficients[2:4]
+    mixed = x * y * slope + 2 * p1 * x + 2 * p2 * y
+    by_x = share + x * x * slope + 2 * p1 * y + 6 * p2 * x
+    by_y = share + y * y * slope + 6 * p1 * y + 2 * p2 * x
+    return np.array([[by_x, mixed], [mixed, by_y]])
 
 
 def undistort(

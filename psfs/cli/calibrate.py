@@ -11,7 +11,6 @@ from rich.table import Table
 
 from cl import InputError
 from psfs.calibration.calibrator import CalibrationResult, calibrate_cameras
-from psfs.calibration.config import CalibrationConfig, MarkerConfig
 from psfs.calibration.intrinsics import read_intrinsics
 from psfs.calibration.pictures import write_rig, write_view
 from psfs.calibration.report import (
@@ -46,7 +45,14 @@ from psfs.common.outputs import output_folder
 from psfs.common.ranges import check_number
 from psfs.common.requests import SETTINGS, write_settings
 from psfs.common.system import versions
-from psfs.request import CALIBRATION, PICTURES, REPORT, RIG, CalibrateRequest
+from psfs.request import (
+    CALIBRATION,
+    MOST_TARGET_FRAMES,
+    PICTURES,
+    REPORT,
+    RIG,
+    CalibrateRequest,
+)
 from psfs.sequence import Sequence
 
 #: Flags of one kind of target.
@@ -125,13 +131,12 @@ def _print_board(request: CalibrateRequest) -> None:
 
 def _calibrate(request: CalibrateRequest) -> None:
     check_number("--height, m,", request.height, -10, 10)
-    config = request.calibration_settings
     request = _read_board_file(request)
     boards = _make_board_finders(request)
     board = boards[0] if boards else None
     views = open_uncalibrated(request.folder or Path(), request.capture)
-    chosen, floor = _choose_frames(request, views, config)
-    finder = board or _marker_finder(request, views, chosen, config.markers)
+    chosen, floor = _choose_frames(request, views)
+    finder = board or _marker_finder(request, views, chosen)
     finders = boards or [finder]
     path, known = request.intrinsics, request.intrinsics is not None
     cameras = list(views.rig) if path is None else read_intrinsics(path, views.rig, board)
@@ -144,10 +149,10 @@ def _calibrate(request: CalibrateRequest) -> None:
     if not sightings:
         raise InputError(_describe_failure(views, chosen, finder))
     target = replace(finder.target, boards=len(finders))
-    result = calibrate_cameras(cameras, target, sightings, known, config)
+    result = calibrate_cameras(cameras, target, sightings, known)
     floor = [len(finders) * frame + n for frame in floor for n in range(len(finders))]
     result, warnings = _align_to_world(request, result, floor)
-    _write(request, views, result, config, warnings)
+    _write(request, views, result, warnings)
 
 
 def _make_board_finders(
@@ -204,27 +209,23 @@ def _read_board_file(request: CalibrateRequest) -> CalibrateRequest:
     )
 
 
-def _marker_finder(
-    request: CalibrateRequest, views: Sequence, chosen: list[int], config: MarkerConfig
-) -> MarkerFinder:
+def _marker_finder(request: CalibrateRequest, views: Sequence, chosen: list[int]) -> MarkerFinder:
     if request.c3d is not None:
         target = read_measured_wand(
             request.c3d, request.markers, chosen, views.fps, request.c3d_begins
         )
     else:
         target = make_wand(request.wand or ())
-    return MarkerFinder(target, median_pictures(views, chosen), config)
+    return MarkerFinder(target, median_pictures(views, chosen))
 
 
-def _choose_frames(
-    request: CalibrateRequest, views: Sequence, config: CalibrationConfig
-) -> tuple[list[int], list[int]]:
+def _choose_frames(request: CalibrateRequest, views: Sequence) -> tuple[list[int], list[int]]:
     """Return the frames in which to detect the target, and those of them in which it lies on the
     floor."""
     every = range(len(views))
     chosen = every[request.frames or slice(None)]
     if request.frames is None or request.frames.step is None:
-        chosen = chosen[:: max(1, -(-len(chosen) // config.most_frames))]
+        chosen = chosen[:: max(1, -(-len(chosen) // MOST_TARGET_FRAMES))]
     floor = list(every[request.floor]) if request.floor is not None else []
     for flag, frames in (("frames", chosen), ("floor", floor)):
         if getattr(request, flag) is not None and not frames:
@@ -274,11 +275,10 @@ def _write(
     request: CalibrateRequest,
     views: Sequence,
     result: CalibrationResult,
-    config: CalibrationConfig,
     warnings: list[str],
 ) -> None:
     out = request.output or Path()
-    found = summarise_views(result, request.intrinsics is not None, config)
+    found = summarise_views(result, request.intrinsics is not None)
     what: dict[str, object] = {
         "folder": str(views.folder),
         "intrinsics": "found" if request.intrinsics is None else str(request.intrinsics),
@@ -289,7 +289,7 @@ def _write(
     write_json(out / REPORT, calibration_summary(result, found, what, warnings))
     write_rig(out / RIG, result, found)
     _write_pictures(out / PICTURES, views, result, found)
-    write_settings(out, request, ["calibration_settings"])
+    write_settings(out, request)
     stdout.print(_table(found))
     for view in found:
         for fault in view.faults:

@@ -25,7 +25,7 @@ from psfs.common.progress import map_in_threads
 from psfs.common.ranges import check_number
 from psfs.common.requests import write_settings
 from psfs.common.system import versions
-from psfs.diagnostics.small_views import Outline
+from psfs.diagnostics.small_views import LARGE_SIDE, Outline
 from psfs.footage.layouts.uncalibrated import LAYOUT, read_uncalibrated
 from psfs.footage.media import IMAGE_SUFFIXES, VIDEO_SUFFIXES, list_media
 from psfs.footage.settings import SequenceSettings
@@ -97,7 +97,7 @@ def outline_footage(
     """Return the cameras, scaled to small pictures, the person's outlines in these [view][frame],
     and the straight edges (N, 2, 2) px of the empty room in each."""
     device = select_device(request.device)
-    factor = views.rig.factor_within(config.longest_side)
+    factor = views.rig.factor_within(LARGE_SIDE)
     small = [camera.scaled(factor) for camera in large]
     most = config.most_frames
     media = views.footage.masks or views.footage.images or ()

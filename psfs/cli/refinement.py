@@ -16,7 +16,6 @@ from psfs.common.files import write_json
 from psfs.common.requests import write_settings
 from psfs.common.system import versions
 from psfs.diagnostics.alignment import Alignment, align_views, larger_views
-from psfs.diagnostics.config import AlignmentConfig
 from psfs.diagnostics.examination import synchronise
 from psfs.diagnostics.occluders import find_hidden_pixels
 from psfs.opening import stated_keys
@@ -37,8 +36,7 @@ def refine(request: CalibrateRequest) -> None:
         )
     hidden = find_hidden_pixels(session)
     rig = session.rig if hidden is None else session.rig.with_hidden(hidden)
-    config = AlignmentConfig()
-    found = align_views(rig, larger_views(session), config)
+    found = align_views(rig, larger_views(session))
     if found is None:
         raise InputError(
             f"{request.folder}: too few tips of limbs are seen by two cameras at once; expected "

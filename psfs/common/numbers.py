@@ -8,6 +8,8 @@ import numpy as np
 METRES = {"mm": 1e-3, "cm": 1e-2, "m": 1.0}
 #: An inch, m.
 INCH = 0.0254
+#: Probability of each test that sound footage, or a sound camera, is accused.
+FALSE_ALARMS = 1e-3
 
 
 def drop_origin(points: np.ndarray) -> np.ndarray:

@@ -18,8 +18,8 @@ import numpy as np
 
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.rig_geometry import intersect_axes_ahead
-from psfs.diagnostics.config import AlignmentConfig, FaultConfig
 from psfs.diagnostics.frontier import (
+    BEND,
     FrontierPoints,
     SilhouetteContours,
     epipolar_residuals,
@@ -27,7 +27,13 @@ from psfs.diagnostics.frontier import (
 )
 from psfs.diagnostics.hulls import HullRays
 from psfs.diagnostics.limbs import LimbViews
-from psfs.diagnostics.refinement import N_PARAMETERS, RigCorrections, correct_cameras, fit_rig
+from psfs.diagnostics.refinement import (
+    N_PARAMETERS,
+    RigCorrections,
+    RigSpread,
+    correct_cameras,
+    fit_rig,
+)
 from psfs.diagnostics.small_views import LARGE_SIDE, Outline, SmallViews, small_views
 from psfs.session import Session
 
@@ -40,8 +46,10 @@ _LEAST_MOVED = 1.6 / 640
 _SHARE, _COARSE_SHARE = 0.5, 0.75
 #: Length of the stretches that are alternately fitted and held out, frames.
 _BLOCK = 10
-#: Distances up to which points are matched, one per matching, relative to the last one.
-_GATES = (4.0, 4.0, 2.0, 1.0)
+#: Distances up to which points are matched, one per matching, px.
+_GATES = (16.0, 16.0, 8.0, 4.0)
+#: Errors of calibrated cameras: turned by up to 0.7 degrees, or exact.
+_SPREAD = RigSpread(turn=0.008, shift=0.01, focal=0.005, time=0.5)
 #: Most last matchings of all frames, which end when the times change by less, frames.
 _LAST, _SETTLED = 5, 0.005
 
@@ -78,33 +86,27 @@ class Alignment:
         return bool(self.after <= share * self.before and moved >= _LEAST_MOVED * size)
 
 
-def correct_rig(
-    session: Session, views: SmallViews, config: AlignmentConfig | None = None
-) -> Alignment | None:
+def correct_rig(session: Session, views: SmallViews) -> Alignment | None:
     """Return the corrected rig of a session; None if the rig fits as it is or cannot be judged.
 
     views: small pictures of these cameras or more. Coarse to fine: only if they show that the rig
     is off, the correction is estimated from larger ones.
     """
-    config = config or AlignmentConfig()
-    if not config.on or len(session.rig) < 3:
+    if len(session.rig) < 3:
         return None
-    coarse = align_views(session.rig, views, config, _SOUND)
+    coarse = align_views(session.rig, views, _SOUND)
     if coarse is None or not coarse.is_accepted(_COARSE_SHARE):
         return None
-    found = align_views(session.rig, larger_views(session), config)
+    found = align_views(session.rig, larger_views(session))
     return found if found is not None and found.is_accepted() else None
 
 
 def larger_views(session: Session) -> SmallViews:
     """Return the pictures in which corrections are estimated."""
-    larger = FaultConfig().replace(longest_side=LARGE_SIDE)
-    return small_views(session.sequence, session.device, larger)
+    return small_views(session.sequence, session.device, LARGE_SIDE)
 
 
-def align_views(
-    rig: CameraRig, views: SmallViews, config: AlignmentConfig, sound: float = 0.0
-) -> Alignment | None:
+def align_views(rig: CameraRig, views: SmallViews, sound: float = 0.0) -> Alignment | None:
     """Return the alignment of a rig, whose cameras `views` show; None if it cannot be judged, or if
     its residuals, px, are less than `sound`."""
     columns = [views.rig.names.index(name) for name in rig.names]
@@ -113,7 +115,7 @@ def align_views(
     hidden = shrink_hidden(rig, small)
     if hidden is not None:
         outlines = mark_hidden_points(outlines, hidden)
-    return estimate_alignment(rig, small, outlines, config, sound)
+    return estimate_alignment(rig, small, outlines, sound)
 
 
 def shrink_hidden(rig: CameraRig, small: CameraRig) -> list[np.ndarray] | None:
@@ -132,14 +134,12 @@ def estimate_alignment(
     rig: CameraRig,
     small: CameraRig,
     outlines: list[list[Outline | None]],
-    config: AlignmentConfig | None = None,
     sound: float = 0.0,
 ) -> Alignment | None:
     """Return the rig under which the outlines [frame][view] fit best; None if they cannot be
     compared, or if their residuals, px, are less than `sound`. `small` is the same rig scaled to
     the outlines' pictures, of F frames."""
-    config = config or AlignmentConfig()
-    if not config.on or len(rig) < 3:
+    if len(rig) < 3:
         return None
     contours = [SilhouetteContours([row[v] for row in outlines]) for v in range(len(rig))]
     scene = intersect_axes_ahead(small)
@@ -147,32 +147,31 @@ def estimate_alignment(
 
     def find(
         cameras: Sequence[Camera], gate: float, late: np.ndarray,
-        frames: np.ndarray | None = None, bend: float = config.bend,
+        frames: np.ndarray | None = None, bend: float = BEND,
     ) -> FrontierPoints:  # fmt: skip
-        points = find_frontier_points(cameras, contours, scene, gate, bend, late)
+        points = find_frontier_points(cameras, contours, scene, gate, late, bend)
         return points if frames is None else points.select(frames[points.frames])
 
     def measure(values: np.ndarray) -> float:
         """Return the median residual, px, in the held-out frames, of steady tips."""
         cameras = correct_cameras(small, values)
-        points = find(cameras, config.gate, values[:, 7], ~fitted, 0.5 * config.bend)
+        points = find(cameras, _GATES[-1], values[:, 7], ~fitted, 0.5 * BEND)
         residuals, _ = epipolar_residuals(cameras, points, values[:, 7])
         return float(np.median(np.abs(residuals))) if len(points) else float("nan")
 
     before = measure(np.zeros((len(rig), N_PARAMETERS)))
     if not before > sound:
         return None
-    gates = [config.gate * share for share in _GATES]
-    last = fit_rig(small, gates, partial(find, frames=fitted), config)
+    last = fit_rig(small, _GATES, partial(find, frames=fitted), _SPREAD)
     if last is None:
         return None
     after = measure(last.values)
     hulls = [HullRays(camera, [row[v] for row in outlines]) for v, camera in enumerate(small)]
-    views = LimbViews.create(hulls, contours, config.limbs)
+    views = LimbViews.create(hulls, contours)
     for _ in range(_LAST):
         limbs = views.find_points(last.apply(small).cameras, -last.offsets)
         further = [limbs.bind(np.zeros(len(small)))]
-        corrections = fit_rig(small, gates[-1:], find, config, last.values, further)
+        corrections = fit_rig(small, _GATES[-1:], find, _SPREAD, last.values, further)
         if corrections is None or not np.isfinite(after):
             return None
         last, before_last = corrections, last

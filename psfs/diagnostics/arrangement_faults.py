@@ -68,13 +68,12 @@ def find_rearranged(evidence: Evidence) -> Iterator[Fault]:
         tried.append(_describe_exchange(evidence.names, order, tangency.compare(order)))
     elif not late:
         tried += _try_lenses(evidence)
-    rate = evidence.config.false_alarms / len(tried)
     alone = min((before.without(v) for v in evidence.sound), default=np.inf)
     least = (1 - _LEAST_GAIN) * (evidence.in_time.cost if late else np.inf)
     fitting = [
         trial
         for trial in tried
-        if significant(before.measure_gain(trial.after, trial.views), _LEAST_GAIN, rate)
+        if significant(before.measure_gain(trial.after, trial.views), _LEAST_GAIN, len(tried))
         and trial.after.cost < least
         and not (len(trial.views) > 2 and trial.after.cost > (1 - _LEAST_GAIN) * alone)
     ]
@@ -96,8 +95,8 @@ def _find_order(evidence: Evidence, before: PairSums) -> list[int]:
             swapped[a], swapped[b] = order[b], order[a]
             after = tangency.compare(swapped)
             gain = before.measure_gain(after, (a, b))
-            rate = evidence.config.false_alarms / len(pairs)
-            if significant(gain, _LEAST_GAIN, rate) and (best is None or after.cost < best[1].cost):
+            clear = significant(gain, _LEAST_GAIN, len(pairs))
+            if clear and (best is None or after.cost < best[1].cost):
                 best = swapped, after
         if best is None or not best[1].cost < before.cost:
             break
@@ -168,7 +167,7 @@ def _try_lenses(evidence: Evidence) -> Iterator[_Trial]:
         for k1 in _DISTORTIONS:
             after = compare(_bend(camera, [k1, 0, 0, 0, 0]) for camera in rig)
             gain = refocused.measure_gain(after, views)
-            if significant(gain, _LEAST_GAIN, evidence.config.false_alarms / len(_DISTORTIONS)):
+            if significant(gain, _LEAST_GAIN, len(_DISTORTIONS)):
                 text = (
                     f"the calibration states no lens distortion, but silhouettes fit with k1 = "
                     f"{k1:g}; write the lenses' distortion into the calibration"
@@ -225,11 +224,7 @@ def find_disagreeing(evidence: Evidence) -> Iterator[Fault]:
         number, gains = find_outlier(agreement)
         most = len(evidence.names) // 3
         accused = len(evidence.sound) - len(views)
-        if (
-            len(views) < 4
-            or accused >= most
-            or not significant(gains, math.log(2), evidence.config.false_alarms)
-        ):
+        if len(views) < 4 or accused >= most or not significant(gains, math.log(2)):
             break
         yield _accuse(evidence, views[number], agreement, number)
         views = [view for view in views if view != views[number]]
@@ -238,8 +233,7 @@ def find_disagreeing(evidence: Evidence) -> Iterator[Fault]:
     rows = agreement.own[np.isfinite(agreement.own).any(axis=1)]
     beside = np.nanmedian(rows, axis=1)
     misfits = evidence.tangency.compare().blocks / CAP
-    rate = evidence.config.false_alarms
-    if significant(beside, _BESIDE, rate) or significant(misfits, _MISFIT, rate):
+    if significant(beside, _BESIDE) or significant(misfits, _MISFIT):
         yield _explain_disagreement(evidence, float(np.mean(beside)) if len(beside) else 1.0)
 
 
@@ -298,7 +292,7 @@ def _explain_outlier(evidence: Evidence, view: int) -> str:
             tangency.turn(view, cv2.Rodrigues(found.x)[0]),
         )
         gain = before.measure_gain(after, [view])
-        if angle < 0.5 and significant(gain, 0.5, evidence.config.false_alarms):
+        if angle < 0.5 and significant(gain, 0.5):
             return (
                 f"it was turned by about {math.degrees(angle):.1f} degrees since its calibration, "
                 "or that is wrong; calibrate it again"

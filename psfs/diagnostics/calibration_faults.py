@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from psfs.cameras.camera import CameraRig
+from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.distortion import undistort
 from psfs.cameras.units import metres_per_unit
 from psfs.diagnostics.fault import Evidence, Fault
@@ -44,48 +44,39 @@ def find_wrong_calibration(evidence: Evidence) -> Iterator[Fault]:
 
 def find_rig_faults(rig: CameraRig) -> list[Fault]:
     """Return the faults that the cameras show without pictures."""
-    return [*_check_focal_lengths(rig), *_check_lenses(rig), *_find_far_camera(rig)]
+    texts = {camera.name: _describe_lens(camera) for camera in rig}
+    faults = [
+        Fault("calibration", (name,), f"camera {name}: {text}")
+        for name, text in texts.items()
+        if text
+    ]
+    return [*faults, *_find_far_camera(rig)]
 
 
-def _check_focal_lengths(rig: CameraRig) -> list[Fault]:
-    faults = []
-    for camera in rig:
-        focal, longest = float(camera.K[0, 0]), max(camera.size)
-        oblong = float(camera.K[1, 1]) / focal
-        if not 1 / _OBLONG <= oblong <= _OBLONG:
-            text = (
-                f"camera {camera.name}: focal lengths of {focal:.3g} and {camera.K[1, 1]:.3g} px; "
-                "expected about the same along both sides"
-            )
-            faults.append(Fault("calibration", (camera.name,), text))
-        elif not _FOCAL[0] <= focal / longest <= _FOCAL[1]:
-            width, height = camera.size
-            text = (
-                f"camera {camera.name}: a focal length of {focal:.3g} px for pictures of {width} x "
-                f"{height} px; expected pixels, not mm"
-            )
-            faults.append(Fault("calibration", (camera.name,), text))
-    return faults
-
-
-def _check_lenses(rig: CameraRig) -> list[Fault]:
-    """Return the cameras whose distortion leaves no ray for the middle of the picture's nearest
-    side, or moves it by a factor."""
-    faults = []
-    for camera in rig:
-        side = min(camera.size) / 2
-        radius = side / float(camera.K[[0, 1], [0, 1]].mean())
-        x, y = undistort(camera.lens, np.array([radius, 0.0]), np.array([0.0, radius]))
-        moved = np.hypot(x, y) / radius
-        if not (moved < _DISTORTED).all() or not (moved > 1 / _DISTORTED).all():
-            coefficients = ", ".join(f"{value:.3g}" for value in camera.distortion)
-            text = (
-                f"camera {camera.name}: its distortion ({coefficients}) forms no picture up to "
-                f"{side:g} px from the middle; expected coefficients k1, k2, p1, p2, k3 of focal "
-                "lengths, not of pixels"
-            )
-            faults.append(Fault("calibration", (camera.name,), text))
-    return faults
+def _describe_lens(camera: Camera) -> str:
+    """Return why a camera's focal length cannot be, or its distortion, which leaves no ray for the
+    middle of the picture's nearest side or moves it by a factor; empty for one that can."""
+    focal, width, height = float(camera.K[0, 0]), *camera.size
+    if not 1 / _OBLONG <= float(camera.K[1, 1]) / focal <= _OBLONG:
+        return (
+            f"focal lengths of {focal:.3g} and {camera.K[1, 1]:.3g} px; expected about the same "
+            "along both sides"
+        )
+    if not _FOCAL[0] <= focal / max(camera.size) <= _FOCAL[1]:
+        return (
+            f"a focal length of {focal:.3g} px for pictures of {width} x {height} px; expected "
+            "pixels, not mm"
+        )
+    side = min(camera.size) / 2
+    radius = side / float(camera.K[[0, 1], [0, 1]].mean())
+    moved = np.hypot(*undistort(camera.lens, radius * np.eye(2)[0], radius * np.eye(2)[1])) / radius
+    if (moved < _DISTORTED).all() and (moved > 1 / _DISTORTED).all():
+        return ""
+    coefficients = ", ".join(f"{value:.3g}" for value in camera.distortion)
+    return (
+        f"its distortion ({coefficients}) forms no picture up to {side:g} px from the middle; "
+        "expected coefficients k1, k2, p1, p2, k3 of focal lengths, not of pixels"
+    )
 
 
 def _find_far_camera(rig: CameraRig) -> list[Fault]:

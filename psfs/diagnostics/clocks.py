@@ -7,7 +7,8 @@ from collections.abc import Mapping
 import numpy as np
 import scipy
 
-from psfs.diagnostics.config import FaultConfig
+from psfs.common.numbers import FALSE_ALARMS
+from psfs.diagnostics.fault import LONGEST_OFFSET
 from psfs.diagnostics.small_views import small_views
 from psfs.diagnostics.tangency import Tangency
 from psfs.footage.camera_times import MOST_DRIFT
@@ -23,13 +24,12 @@ def follow_clocks(session: Session, late: Mapping[str, int], n_frames: int) -> S
     late: frames by which cameras come later in the middle, by name. n_frames: of a stretch in which
     offsets are measured. These are measured on both sides of the middle: first so near it that no
     clock leads beyond the offsets that are tried, then at the ends. A clock differs if chance would
-    make it with a probability of at most `FaultConfig.false_alarms`, and if some frame is then half
+    make it with a probability of at most `FALSE_ALARMS`, and if some frame is then half
     a frame off.
     """
-    config = FaultConfig()
     sequence = session.sequence.synchronise(late)
     n_frames = min(n_frames, len(sequence) // 2)
-    most = min(round(config.longest_offset * sequence.fps), n_frames // 3)
+    most = min(round(LONGEST_OFFSET * sequence.fps), n_frames // 3)
     if most < 2:
         return sequence
     leader: int | None = None
@@ -45,7 +45,7 @@ def follow_clocks(session: Session, late: Mapping[str, int], n_frames: int) -> S
             leader = int(passed.argsort()[(len(passed) - 1) // 2])
         speeds = passed / passed[leader]
         sigmas = np.hypot(before, after)
-        limit = scipy.special.ndtri(1 - config.false_alarms / 2) / passed[leader]
+        limit = scipy.special.ndtri(1 - FALSE_ALARMS / 2) / passed[leader]
         differs = np.abs(speeds - 1) > limit * np.hypot(sigmas, sigmas[leader])
         differs &= np.abs(speeds - 1) * len(sequence) > 0.5
         delays = dict.fromkeys(sequence.rig.names, (0.0, 1.0))
@@ -66,11 +66,10 @@ def _measure_clocks(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return what each camera's clock shows at one time, in the middle of `frames` (V,), s, and the
     standard deviations (V,): infinite where the silhouettes do not tell."""
-    config = FaultConfig()
-    views = small_views(sequence, session.device, config, frames)
+    views = small_views(sequence, session.device, frames=frames)
     times = Tangency(views.rig, views.outlines).measure_times(most)
     middle = frames[len(frames) // 2]
     clocks = np.array([clock[middle] for clock in sequence.timing.clocks])
-    unsure = (np.array(times.whole) != 0) & (times.chances >= config.false_alarms)
+    unsure = (np.array(times.whole) != 0) & (times.chances >= FALSE_ALARMS)
     sigmas = np.where(unsure, np.inf, times.sigmas)
     return clocks + times.offsets / sequence.fps, sigmas / sequence.fps

@@ -11,12 +11,15 @@ import numpy as np
 import scipy
 
 from psfs.cameras.camera import CameraRig
+from psfs.common.numbers import FALSE_ALARMS
 from psfs.diagnostics.agreement import HullAgreement
-from psfs.diagnostics.config import FaultConfig
 from psfs.diagnostics.small_views import Outline, SmallViews
 from psfs.diagnostics.tangency import PairSums, Tangency
 from psfs.footage.camera_times import CameraTimes
 from psfs.sequence import Sequence
+
+#: Longest offset of a camera in time, s; at most a third of the frames.
+LONGEST_OFFSET = 2.0
 
 
 @dataclass(frozen=True)
@@ -46,8 +49,8 @@ class Evidence:
     views: small pictures with silhouettes. known: the faults that were found before.
     """
 
-    def __init__(self, sequence: Sequence, views: SmallViews, config: FaultConfig) -> None:
-        self.sequence, self.views, self.config = sequence, views, config
+    def __init__(self, sequence: Sequence, views: SmallViews) -> None:
+        self.sequence, self.views = sequence, views
         self.rig: CameraRig = views.rig
         self.names = sequence.rig.names
         self.known: list[Fault] = []
@@ -89,9 +92,8 @@ class Evidence:
     @cached_property
     def times(self) -> CameraTimes:
         """When the cameras took their pictures, by the silhouettes."""
-        views, tangency = self.views, self.tangency
-        most = min(round(self.config.longest_offset * self.sequence.fps), len(views.frames) // 3)
-        return tangency.measure_times(most)
+        most = min(round(LONGEST_OFFSET * self.sequence.fps), len(self.views.frames) // 3)
+        return self.tangency.measure_times(most)
 
     @cached_property
     def offsets(self) -> np.ndarray:
@@ -101,7 +103,7 @@ class Evidence:
         if len(self.sound) < 2 or not math.isfinite(self.tangency.size):
             return np.zeros(len(self.names), int)
         times = self.times
-        sure = times.chances < self.config.false_alarms
+        sure = times.chances < FALSE_ALARMS
         sure &= np.abs(times.offsets) - 2 * times.sigmas > 1
         return np.where(sure, times.whole, 0)
 
@@ -119,11 +121,12 @@ class Evidence:
         return Tangency(self.rig, shifted).compare()
 
 
-def significant(samples: np.ndarray, least: float, rate: float) -> bool:
+def significant(samples: np.ndarray, least: float, tests: int = 1) -> bool:
     """Return whether the mean of samples (N,) of stretches of the take is above `least`: a t test
-    with a probability of `rate` for a false alarm."""
+    with a probability of `FALSE_ALARMS` for a false alarm in so many tests."""
     known = samples[np.isfinite(samples)]
     if len(known) < 2:
         return False
     deviation = max(float(known.std(ddof=1)), 1e-9) / np.sqrt(len(known))
-    return bool(scipy.special.stdtr(len(known) - 1, (least - known.mean()) / deviation) < rate)
+    chance = scipy.special.stdtr(len(known) - 1, (least - known.mean()) / deviation)
+    return bool(chance < FALSE_ALARMS / tests)

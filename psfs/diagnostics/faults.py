@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 from psfs.diagnostics.arrangement_faults import find_disagreeing, find_late, find_rearranged
 from psfs.diagnostics.calibration_faults import find_wrong_calibration, find_wrong_unit
-from psfs.diagnostics.config import FaultConfig
 from psfs.diagnostics.fault import Evidence, Fault
 from psfs.diagnostics.picture_faults import (
     find_cut,
@@ -21,7 +20,7 @@ from psfs.session import Session
 
 #: The tests of all kinds, in their order: later ones leave out the cameras whose pictures earlier
 #: ones found to show nothing. Each accuses footage without its fault with a probability of at most
-#: `FaultConfig.false_alarms`.
+#: `FALSE_ALARMS`.
 TESTS: tuple[Callable[[Evidence], Iterator[Fault]], ...] = (
     *(find_wrong_calibration, find_empty, find_repeated, find_wrong_background, find_flicker),
     *(find_rearranged, find_late, find_disagreeing, find_wrong_unit, find_cut),
@@ -77,9 +76,8 @@ def diagnose(session: Session) -> Diagnosis:
 
 
 def _find_faults(session: Session) -> Diagnosis:
-    config = FaultConfig()
-    views = small_views(session.sequence, session.device, config)
-    evidence = Evidence(session.sequence, views, config)
+    views = small_views(session.sequence, session.device)
+    evidence = Evidence(session.sequence, views)
     for test in TESTS:
         if test in _COMPARING and _is_incomparable(evidence):
             continue

@@ -28,7 +28,10 @@ _REACH = 20.0
 #: cameras: the planes of the rest are not compared.
 _AHEAD = 0.3
 #: Least distance of the line between two cameras from the scene, m.
-_NEAREST = 0.5
+NEAREST = 0.5
+#: Greatest change of a tip's speed from frame to frame, and difference between two cameras, px per
+#: frame: with half of it half as many tips count, and few fast ones.
+BEND = 2.0
 #: Distance between the keys of different frames, larger than any angle or pixel.
 _APART = 1e5
 
@@ -99,8 +102,8 @@ def find_frontier_points(
     contours: Sequence[SilhouetteContours],
     scene: np.ndarray,
     gate: float,
-    bend: float,
     offsets: np.ndarray | None = None,
+    bend: float = BEND,
 ) -> FrontierPoints:
     """Find the frontier points of all pairs of cameras that agree to `gate` px.
 
@@ -132,7 +135,7 @@ def _match_pair(
 ) -> FrontierPoints:
     both = [views[view] for view in pair]
     line, axes, distance = look_along_baseline(both[0].camera, both[1].camera, scene)
-    if distance < _NEAREST:
+    if distance < NEAREST:
         return join_points([])
     flat = [view.rays @ axes for view in both]
     lengths = [np.maximum(np.linalg.norm(of, axis=1), 1e-12) for of in flat]

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -13,21 +14,26 @@ from psfs.cameras.triangulation import intersect_rays
 from psfs.diagnostics.small_views import Outline
 
 
-class HullPoints:
+class HullRays:
     """Corners of the hulls of one camera's silhouettes in F frames, one frame's after another's.
 
     pixels: (N, 2). starts: (M,) the first of each frame with a silhouette. frames: (M,) these
-    frames. at_border: (N,) bool, whether the silhouette may go on beyond the picture.
+    frames. at_border: (N,) bool, whether the silhouette may go on beyond the picture. camera:
+    small. rays: (N, 3) directions of depth 1 of the pixels in the camera's axes.
     """
 
-    def __init__(self, outlines: Sequence[Outline | None]) -> None:
+    def __init__(self, camera: Camera, outlines: Sequence[Outline | None]) -> None:
         found = [(number, of) for number, of in enumerate(outlines) if of is not None]
-        self.n_frames = len(outlines)
+        self.camera, self.n_frames = camera, len(outlines)
         self.frames = np.array([number for number, _ in found], int)
         self.pixels = np.concatenate([of.points for _, of in found] or [np.zeros((0, 2))])
         borders = [of.at_border for _, of in found] or [np.zeros(0, bool)]
         self.at_border = np.concatenate(borders)
         self.starts = np.cumsum([0, *(len(of.points) for _, of in found)])[:-1]
+
+    @cached_property
+    def rays(self) -> np.ndarray:
+        return self.camera.rays(self.pixels) @ self.camera.R.T
 
     def extremes(self, values: np.ndarray, widest: float = np.inf) -> np.ndarray:
         """Return the least and the greatest of values (..., N) in every frame (..., F, 2); NaN
@@ -50,19 +56,6 @@ class HullPoints:
         found[too_wide] = np.nan
         out[..., self.frames, :] = found
         return out
-
-
-class HullRays(HullPoints):
-    """The same with rays through the corners.
-
-    camera: small. rays: (N, 3) directions of depth 1 in the camera's axes.
-    """
-
-    def __init__(self, camera: Camera, outlines: Sequence[Outline | None]) -> None:
-        super().__init__(outlines)
-        self.camera = camera
-        rays = camera.rays(self.pixels) @ camera.R.T if len(self.pixels) else np.zeros((0, 3))
-        self.rays = rays
 
     def find_extreme_angles(self, forward: np.ndarray, across: np.ndarray) -> np.ndarray:
         """Return `extremes` of the angles, rad, of directions whose parts (..., N) are given."""

@@ -18,11 +18,10 @@ import numpy as np
 from psfs.cameras.camera import Camera
 from psfs.common.least_squares import Parameters, Residuals, Slope, solve
 from psfs.common.progress import map_in_threads
-from psfs.diagnostics.config import LimbConfig
 from psfs.diagnostics.frontier import SilhouetteContours
 from psfs.diagnostics.hulls import HullRays, PersonPlace, Sight, find_person
 from psfs.diagnostics.medial_axes import OPPOSITE, MedialAxes
-from psfs.diagnostics.refinement import N_PARAMETERS, Further, measure_points
+from psfs.diagnostics.refinement import N_PARAMETERS, NOISE, Further, measure_points
 from psfs.footage.camera_times import INDEPENDENT_SHARE
 
 #: Widths of limbs, statures, and the greatest ratio of a limb's widths in two cameras.
@@ -35,6 +34,8 @@ _VIEWS, _LEAD = 3, 0.5
 #: Distance of a point from an axis up to which they agree, px, and greatest angle between a limb's
 #: direction and the plane in which a camera sees it, rad.
 _GATE, _STRAIGHT = 5.0, 0.35
+#: Points of each camera that are searched in the others.
+_PER_CAMERA = 2400
 #: Information of the place along the axis: it fixes the point and tells no camera anything.
 _ALONG = 1e-2
 
@@ -67,21 +68,18 @@ class LimbViews:
 
     axes: list[MedialAxes]
     sights: list[Sight]
-    config: LimbConfig
 
     @classmethod
-    def create(
-        cls, hulls: Sequence[HullRays], contours: Sequence[SilhouetteContours], config: LimbConfig
-    ) -> LimbViews:
+    def create(cls, hulls: Sequence[HullRays], contours: Sequence[SilhouetteContours]) -> LimbViews:
         """Measure the axes in the contours of each view."""
         pairs = list(zip(hulls, contours, strict=True))
         axes = map_in_threads(lambda of: MedialAxes.create(of[0].camera, of[1]), pairs)
-        return cls(list(axes), [Sight.create(own) for own in hulls], config)
+        return cls(list(axes), [Sight.create(own) for own in hulls])
 
     def find_points(self, cameras: Sequence[Camera], lags: np.ndarray) -> LimbPoints:
         """Return the points on axes on which cameras of these lags (V,) frames agree."""
         person = find_person(cameras, self.sights)
-        return LimbPoints(cameras, lags, self.axes, person, self.config)
+        return LimbPoints(cameras, lags, self.axes, person)
 
 
 class LimbPoints:
@@ -89,12 +87,9 @@ class LimbPoints:
 
     def __init__(
         self, cameras: Sequence[Camera], lags: np.ndarray, axes: Sequence[MedialAxes],
-        person: PersonPlace, config: LimbConfig,
+        person: PersonPlace,
     ) -> None:  # fmt: skip
-        self.config = config
-        chosen = [
-            _find_points(view, cameras, lags, axes, person, config) for view in range(len(cameras))
-        ]
+        chosen = [_find_points(view, cameras, lags, axes, person) for view in range(len(cameras))]
         self._traced = _trace(cameras, lags, axes, chosen)
         self._items, self._views = np.nonzero(self._traced.known)
         if len(self):  # the depths that were tried are steps apart
@@ -137,11 +132,11 @@ class LimbPoints:
             np.einsum("mi,mi...->m...", across, of) for of in (errors, by_camera, by_point)
         )
         both = [Slope("cameras", views, by_camera[:, None]), Slope("limbs", items, pull[:, None])]
-        found = Residuals(away, both, weights=INDEPENDENT_SHARE, least=self.config.noise)
+        found = Residuals(away, both, weights=INDEPENDENT_SHARE, least=NOISE)
         first = views == traced.firsts[items]
         away, pull = (np.einsum("mi,mi...->m...", along, of)[first] for of in (errors, by_point))
         fixed = Residuals(
-            away, [Slope("limbs", items[first], pull[:, None])], sigma=self.config.noise,
+            away, [Slope("limbs", items[first], pull[:, None])], sigma=NOISE,
             weights=INDEPENDENT_SHARE * _ALONG, robust=False,
         )  # fmt: skip
         return [found, fixed]
@@ -149,14 +144,14 @@ class LimbPoints:
 
 def _find_points(
     view: int, cameras: Sequence[Camera], lags: np.ndarray, axes: Sequence[MedialAxes],
-    person: PersonPlace, config: LimbConfig,
+    person: PersonPlace,
 ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
     """Return indices (N,) of a camera's medial points and the points (N, 3) in space at whose depth
     most other cameras see an axis of the same width."""
     camera, own = cameras[view], axes[view]
     if not np.isfinite(person.stature):  # nobody is seen wholly
         return np.zeros(0, int), np.zeros((0, 3))
-    chosen = np.arange(0, len(own.frames), max(1, len(own.frames) // config.per_camera))
+    chosen = np.arange(0, len(own.frames), max(1, len(own.frames) // _PER_CAMERA))
     middle = (person.middle - camera.centre) @ camera.R[2]
     around, step = _AROUND * person.stature, _STEP * person.stature
     depths = np.arange(max(step, middle - around), middle + around, step)

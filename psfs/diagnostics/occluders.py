@@ -17,7 +17,6 @@ from cl import InputError
 from psfs.backend import make_evidence_function
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.common.numbers import pick_evenly
-from psfs.diagnostics.config import OccluderConfig
 from psfs.diagnostics.small_views import LARGE_SIDE, Shrink
 from psfs.session import Session
 from psfs.silhouettes.config import SilhouetteConfig
@@ -35,8 +34,12 @@ _AGREEING, _DENYING = 3, 2
 #: those in which it shows the person or contradicts; least ratio of a camera's pixels that show the
 #: person to those that contradict, below which it has another fault.
 _LEAST_FRAMES, _LEAST_SHARE, _LEAST_CONFIRMED = 2, 0.1, 0.5
-#: Width of the holes that are filled, px.
-_GAP = 13
+#: Width of the holes that are filled, px; number of pixels below which a region is noise.
+_GAP, _SPECK = 13, 300
+#: Distance from explained pixels within which foreground counts as explained, too, px.
+_MARGIN = 3
+#: Greatest number of voxels of the grid around the person.
+_VOXELS = 600_000
 #: Voxels of the fine grid along each side of one of the coarse grid.
 _FINE = 2
 #: Share of its size by which the box of the visible person is enlarged: legs may be hidden in all
@@ -44,14 +47,13 @@ _FINE = 2
 _ENLARGED = 0.15
 
 
-def find_hidden_pixels(session: Session, config: OccluderConfig | None = None) -> np.ndarray | None:
+def find_hidden_pixels(session: Session) -> np.ndarray | None:
     """Return (V, H, W) bool: the pixels of each camera where furniture hides what is behind it.
 
     None if there are none, or too few cameras to decide.
     """
-    config = config or OccluderConfig()
     rig, sequence = session.rig, session.sequence
-    if not config.on or len(rig) <= _AGREEING:
+    if len(rig) <= _AGREEING:
         return None
     shrink = Shrink(rig, rig.factor_within(LARGE_SIDE))
     background = shrink.background(session.background)
@@ -70,7 +72,7 @@ def find_hidden_pixels(session: Session, config: OccluderConfig | None = None) -
     if sequence.volume is None:
         margin = _ENLARGED * (high - low)
         low, high = low - margin, high + margin
-    small = find_hidden_in_box(shrink.small, evidence, low, high, config)
+    small = find_hidden_in_box(shrink.small, evidence, low, high)
     if small is None:
         return None
     return np.stack([_enlarge(own, (rig.width, rig.height)) for own in small])
@@ -81,15 +83,17 @@ def find_hidden_in_box(
     evidence: list[np.ndarray],
     low: np.ndarray,
     high: np.ndarray,
-    config: OccluderConfig | None = None,
+    voxels: int = _VOXELS,
+    margin: int = _MARGIN,
 ) -> np.ndarray | None:
     """Return (V, H, W) bool: the hidden pixels, from the evidence maps (V, H, W) int8 of some
     frames.
 
-    The people are within the box from `low` (3,) to `high` (3,) m. None if nothing is hidden.
+    The people are within the box from `low` (3,) to `high` (3,) m, of so many voxels at most.
+    margin: px around explained pixels that are explained, too. None if nothing is hidden.
     """
-    config = config or OccluderConfig()
-    counter = _HiddenPixelCounter(rig, low, high, config, [maps > 0 for maps in evidence])
+    shown = [maps > 0 for maps in evidence]
+    counter = _HiddenPixelCounter(rig, low, high, (voxels, margin), shown)
     for frame, maps in enumerate(evidence):
         counter.count(frame, maps)
     hidden = counter.find_hidden()
@@ -109,11 +113,12 @@ class _HiddenPixelCounter:
         rig: CameraRig,
         low: np.ndarray,
         high: np.ndarray,
-        config: OccluderConfig,
+        limits: tuple[int, int],
         shown: list[np.ndarray],
     ) -> None:
-        self.rig, self.config, self._shown = rig, config, shown
-        edge = float(np.cbrt(np.prod(high - low) / config.voxels))
+        self.rig, self._shown = rig, shown
+        voxels, self._margin = limits
+        edge = float(np.cbrt(np.prod(high - low) / voxels))
         edge = max(edge, finest_pixel(rig, VoxelGrid.covering(low, high, edge)))
         coarse = VoxelGrid.covering(low, high, _FINE * edge)
         distances = np.linalg.norm(rig.centres - (low + high) / 2, axis=1)
@@ -156,10 +161,7 @@ class _HiddenPixelCounter:
         counts = np.stack([_look_up(own, at) for own, at in zip(evidence, pixels, strict=True)])
         occupied = (counts.sum(0, dtype=np.int16) > 0) & self._seen[voxels]
         explained = np.stack(
-            [
-                self._covered_pixels(v, pixels[v][occupied], self.config.margin)
-                for v in range(len(shown))
-            ]
+            [self._covered_pixels(v, pixels[v][occupied], self._margin) for v in range(len(shown))]
         )
         self.confirmed += shown & explained
         lonely = [cv2.erode(own, np.ones((3, 3), np.uint8)) for own in _bytes(shown & ~explained)]
@@ -185,7 +187,6 @@ class _HiddenPixelCounter:
     def find_hidden(self) -> np.ndarray:
         """Return (V, H, W) bool: the pixels that deny in enough frames, with holes filled and
         specks removed."""
-        config = self.config
         enough = self.denied >= np.maximum(
             _LEAST_FRAMES, _LEAST_SHARE * (self.denied + self.confirmed)
         )
@@ -193,7 +194,7 @@ class _HiddenPixelCounter:
         enough &= (sums[0] >= _LEAST_CONFIRMED * sums[1])[:, None, None]
         square = np.ones((_GAP, _GAP), np.uint8)
         closed = [cv2.morphologyEx(own, cv2.MORPH_CLOSE, square) for own in _bytes(enough)]
-        return np.stack([_without_specks(own, config.least_pixels) for own in closed])
+        return np.stack([_without_specks(own, _SPECK) for own in closed])
 
 
 def _divide(coarse: VoxelGrid, voxels: np.ndarray) -> np.ndarray:

@@ -8,9 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from psfs.cameras.camera import CameraRig
-from psfs.diagnostics.config import InViewConfig
 from psfs.diagnostics.small_views import Outline
 
+#: Share of the frames in which a camera should see somebody, and of these wholly; height of a
+#: person whose forearms are 4 px wide, px.
+_USUALLY, _HEIGHT = 0.75, 100.0
 _EDGES = ("left", "top", "right", "bottom")
 
 
@@ -30,22 +32,22 @@ class PersonInView:
     height: float
     edge: str = ""
 
-    def describe(self, config: InViewConfig) -> str:
+    def describe(self) -> str:
         """Return what to do about the camera; empty if nothing."""
-        if self.seen < config.seen:
+        if self.seen < _USUALLY:
             return (
                 f"{self.camera} sees somebody in {self.seen:.0%} of the frames: turn it to where "
                 "the person moves"
             )
-        if self.whole < config.whole:
+        if self.whole < _USUALLY:
             return (
                 f"{self.camera} sees the whole person in {self.whole:.0%} of the frames; the rest "
                 f"is beyond the picture's {self.edge}: turn it, or move it back"
             )
-        if self.height < config.height:
+        if self.height < _HEIGHT:
             return (
-                f"{self.camera} sees a person of {self.height:.0f} px, expected "
-                f"{config.height:g} or more: move it nearer"
+                f"{self.camera} sees a person of {self.height:.0f} px, expected {_HEIGHT:g} or "
+                "more: move it nearer"
             )
         return ""
 

@@ -271,7 +271,7 @@ def _find_person(evidence: Evidence, view: int) -> str:
         rim = cv2.dilate(inside, _CROSS, iterations=2) > cv2.erode(inside, _CROSS)
         there = float(background[rim].mean())
         ratios = np.array([there / max(float(edges[rim].mean()), 1e-6) for edges in pictures])
-        if significant(np.log(ratios), np.log(_STRONGER), evidence.config.false_alarms):
+        if significant(np.log(ratios), np.log(_STRONGER)):
             holds = "its background contains a person who is not in the pictures"
             if not evidence.sequence.footage.background:
                 holds = (
@@ -291,7 +291,7 @@ def find_flicker(evidence: Evidence) -> Iterator[Fault]:
     for view in evidence.sound:
         changes = np.abs(np.diff(evidence.views.gain[:, view]))
         typical = np.minimum(changes, 2 * np.median(changes))  # one lamp that is switched on
-        if significant(typical, _FLICKER, evidence.config.false_alarms):
+        if significant(typical, _FLICKER):
             name = evidence.names[view]
             text = (
                 f"camera {name} flickers: its brightness changes by {typical.mean():.0%} from "

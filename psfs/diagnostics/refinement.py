@@ -23,8 +23,8 @@ from psfs.common.least_squares import (
     prior,
     solve,
 )
-from psfs.diagnostics.config import AlignmentConfig
 from psfs.diagnostics.frontier import FrontierPoints, epipolar_residuals
+from psfs.footage.camera_times import INDEPENDENT_SHARE
 
 #: Parameters of a camera's correction: rotation vector in its axes, rad; shift of its centre, m;
 #: log of the focal length's factor; offset in time, frames.
@@ -33,6 +33,27 @@ N_PARAMETERS = 8
 _EXTENT, _HELD = (0.4, 0.4, 0.8), 5e-4
 #: Steps after each matching, and uncertainty of the times in the last one, frames.
 _STEPS, _TIME = 2, 0.1
+#: Least standard deviation of a contour's points, px.
+NOISE = 0.3
+#: Speed of a tip, px per frame, at which its measurement is worth half of an independent one: one
+#: number for all tips would leave times to slow ones, which are many.
+_HALF_SPEED = 1.0
+#: Least number of measurements per unknown.
+_LEAST_ROWS = 4
+
+
+@dataclass(frozen=True)
+class RigSpread:
+    """Standard deviations of the errors of cameras.
+
+    turn: of the rotation about an axis, rad. shift: of the position along an axis, m. focal: of the
+    logarithm of the focal length. time: of the offset, frames; larger ones are whole frames.
+    """
+
+    turn: float
+    shift: float
+    focal: float
+    time: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,7 +137,7 @@ class Further:
 
 
 def fit_rig(
-    rig: CameraRig, gates: Sequence[float], find: Find, config: AlignmentConfig,
+    rig: CameraRig, gates: Sequence[float], find: Find, spread: RigSpread,
     start: np.ndarray | None = None, further: Sequence[Further] = (),
     group: Callable[[FrontierPoints], np.ndarray] | None = None,
 ) -> RigCorrections | None:  # fmt: skip
@@ -127,12 +148,12 @@ def fit_rig(
     default. group: numbers (M,) of the groups of points whose noise is estimated apart.
     """
     values = np.zeros((len(rig), N_PARAMETERS)) if start is None else start
-    sizes = [*3 * [config.turn], *3 * [config.shift], config.focal, config.time]
+    sizes = [*3 * [spread.turn], *3 * [spread.shift], spread.focal, spread.time]
     held = measure_scene_motion(rig) / _HELD
     blocks = {name: block for more in further for name, block in more.start.items()}
     for gate in gates:
         points = find(correct_cameras(rig, values), gate, values[:, 7])
-        if len(points) < config.least_rows * values.size:
+        if len(points) < _LEAST_ROWS * values.size:
             return None
         groups = None if group is None else group(points)
         uncertain = _TIME * gate / gates[-1]
@@ -143,7 +164,7 @@ def fit_rig(
         ) -> list[Residuals]:  # fmt: skip
             changes = parameters["cameras"]
             cameras = correct_cameras(rig, changes)
-            found = _measure_points(cameras, changes[:, 7], points, groups, uncertain, config)
+            found = _measure_points(cameras, changes[:, 7], points, groups, uncertain)
             residuals = [found, prior("cameras", changes, np.array(sizes)), _hold(held, changes)]
             for more in further:
                 residuals += more.measure(cameras, changes[:, 7], parameters)
@@ -160,16 +181,16 @@ def fit_rig(
 
 def _measure_points(
     cameras: Sequence[Camera], offsets: np.ndarray, points: FrontierPoints,
-    groups: np.ndarray | None, uncertain: float, config: AlignmentConfig,
+    groups: np.ndarray | None, uncertain: float,
 ) -> Residuals:  # fmt: skip
     """Return the residuals of frontier points. A tip that rests shows the same errors of the
     silhouettes in many frames, and so counts less than one that moves."""
     values, slopes = epipolar_residuals(cameras, points, offsets)
     speeds = np.abs(slopes[:, 0, 7])
-    rest, half = config.information, config.half_speed
-    noise = estimate_noise(values, groups, config.noise)
+    rest = INDEPENDENT_SHARE
+    noise = estimate_noise(values, groups, NOISE)
     both = [Slope("cameras", points.views[:, k], slopes[:, k, None]) for k in range(2)]
-    weights = rest + (1 - rest) * speeds / (speeds + half)
+    weights = rest + (1 - rest) * speeds / (speeds + _HALF_SPEED)
     return Residuals(values, both, np.hypot(noise, uncertain * speeds), weights)
 
 

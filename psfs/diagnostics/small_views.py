@@ -17,7 +17,6 @@ from psfs.background.gaussian import Background, stack_median
 from psfs.cameras.camera import CameraRig
 from psfs.cameras.scaling import scale_pictures
 from psfs.common.numbers import pick_evenly
-from psfs.diagnostics.config import FaultConfig
 from psfs.footage.threads import prefetch
 from psfs.sequence import Frame, Sequence
 from psfs.silhouettes.config import AppearanceConfig, FloorConfig, SilhouetteConfig
@@ -30,8 +29,9 @@ SILHOUETTES = SilhouetteConfig(
 #: Least and most consecutive frames that are examined, most pixels of these, and most of the frames
 #: whose pictures are kept.
 _FRAMES, _PIXELS, _KEPT = (60, 200), 1.5e9, 24
-#: Longest side, px, of the larger pictures in which corrections and furniture are found.
-LARGE_SIDE = 640
+#: Longest sides of the small pictures, and of the larger ones in which corrections and furniture
+#: are found, px.
+SMALL_SIDE, LARGE_SIDE = 320, 640
 #: Largest change of a grey level by a codec.
 _CODEC = 8
 
@@ -84,12 +84,12 @@ class SmallViews:
 
 
 def small_views(
-    sequence: Sequence, device: Device | NumpyDevice, config: FaultConfig | None = None,
+    sequence: Sequence, device: Device | NumpyDevice, longest_side: int = SMALL_SIDE,
     frames: range | None = None,
 ) -> SmallViews:  # fmt: skip
-    """Compute the views of `frames`, by default of some hundred in the middle of `sequence`."""
-    config = config or FaultConfig()
-    shrink = Shrink(sequence.rig, sequence.rig.factor_within(config.longest_side))
+    """Compute the views, in pictures of a longest side, px, of `frames`, by default of some hundred
+    in the middle of `sequence`."""
+    shrink = Shrink(sequence.rig, sequence.rig.factor_within(longest_side))
     background = shrink.background(sequence.background)
     begin = make_evidence_pipeline(device, shrink.small, background, SILHOUETTES)
     frames = frames or _select_frames(sequence)

@@ -16,9 +16,10 @@ import numpy as np
 
 from psfs.cameras.camera import CameraRig
 from psfs.cameras.rig_geometry import intersect_axes_ahead, look_along_baseline
-from psfs.diagnostics.hulls import HullPoints
+from psfs.diagnostics.hulls import HullRays
 from psfs.diagnostics.small_views import Outline
 from psfs.footage.camera_times import (
+    BLOCKS,
     CameraTimes,
     PairCosts,
     compare_signals,
@@ -35,8 +36,6 @@ _WIDEST = 2.5
 #: Pairs are left out if the line between the cameras passes the scene nearer than this share of the
 #: person's size.
 _NEAREST = 0.3
-#: Stretches of frames whose differences are told apart.
-_BLOCKS = 10
 #: Differences of planes up to this are noise, as a share of the person's size: silhouettes of
 #: somebody who keeps still agree at any offset.
 NOISE = 0.003
@@ -109,7 +108,9 @@ class Tangency:
 
     def __init__(self, rig: CameraRig, outlines: list[list[Outline | None]]) -> None:
         self.rig, self.outlines, self.n_frames = rig, outlines, len(outlines)
-        self._images = [HullPoints([row[v] for row in outlines]) for v in range(len(rig))]
+        self._images = [
+            HullRays(camera, [row[v] for row in outlines]) for v, camera in enumerate(rig)
+        ]
         self._target = intersect_axes_ahead(rig)
         self._planes: dict[tuple[int, int, int, AxisSigns], np.ndarray] = {}
         self._rays: dict[tuple[int, int, AxisSigns], np.ndarray] = {}
@@ -183,7 +184,7 @@ class Tangency:
         """Compare the planes (F, 2) of pairs of cameras: of all, or of those with one of `views`;
         the others are those of `base`."""
         n = len(self.rig)
-        sums, counts = np.zeros((_BLOCKS, n, n)), np.zeros((_BLOCKS, n, n))
+        sums, counts = np.zeros((BLOCKS, n, n)), np.zeros((BLOCKS, n, n))
         if base is not None:
             sums, counts = base.sums.copy(), base.counts.copy()
         for a, b in combinations(range(n), 2):
@@ -227,9 +228,9 @@ class Tangency:
         shares of the person's size, in stretches of frames."""
         apart = np.abs(a - b) / max(self.size, 1e-12)
         known = np.isfinite(apart)
-        starts = np.linspace(0, len(a), min(_BLOCKS, len(a)) + 1).astype(int)[:-1]
+        starts = np.linspace(0, len(a), min(BLOCKS, len(a)) + 1).astype(int)[:-1]
         parts = np.where(known, np.minimum(apart, CAP), 0).sum(1), known.sum(1)
-        sums, counts = np.zeros(_BLOCKS), np.zeros(_BLOCKS)
+        sums, counts = np.zeros(BLOCKS), np.zeros(BLOCKS)
         sums[: len(starts)], counts[: len(starts)] = (np.add.reduceat(x, starts) for x in parts)
         return sums, counts
 

@@ -19,7 +19,7 @@ INDEPENDENT_SHARE = 0.1
 #: Least share of the frames that must be left at an offset.
 _LEAST_OVERLAP = 0.4
 #: Stretches of frames by which an offset is tested, and interleaved parts that these make up.
-_BLOCKS, _FOLDS = 10, 5
+BLOCKS, _FOLDS = 10, 5
 #: Greatest share by which a camera's clock runs differently.
 MOST_DRIFT = 0.01
 #: Variance, frames^2, of an offset that no evidence tells.
@@ -89,7 +89,7 @@ def sum_costs(differences: np.ndarray, cap: float) -> np.ndarray:
     """Return `PairCosts` of differences (K, 2 most + 1, F), NaN where unknown, each at most `cap`
     in size."""
     n, known = differences.shape[-1], np.isfinite(differences)
-    starts = np.unique(np.linspace(0, n, min(_BLOCKS, n) + 1).astype(int))[:-1]
+    starts = np.unique(np.linspace(0, n, min(BLOCKS, n) + 1).astype(int))[:-1]
     sizes = np.where(known, np.minimum(np.abs(differences), cap), 0)
     sums, counts = (np.add.reduceat(of.sum(0), starts, axis=1) for of in (sizes, known))
     return np.stack([sums, counts], -1)

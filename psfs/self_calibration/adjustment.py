@@ -18,8 +18,8 @@ import numpy as np
 from cl import InputError
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.rig_geometry import intersect_axes_ahead, look_along_baseline
-from psfs.diagnostics.config import AlignmentConfig
 from psfs.diagnostics.frontier import (
+    NEAREST,
     FrontierPoints,
     SilhouetteContours,
     epipolar_residuals,
@@ -27,20 +27,17 @@ from psfs.diagnostics.frontier import (
     join_points,
 )
 from psfs.diagnostics.hulls import HullRays
-from psfs.diagnostics.refinement import Further, RigCorrections, correct_camera, fit_rig
+from psfs.diagnostics.refinement import Further, RigCorrections, RigSpread, correct_camera, fit_rig
 from psfs.diagnostics.small_views import Outline
 from psfs.self_calibration.config import PersonConfig
+from psfs.self_calibration.upright import FEWEST
 
-#: Least distance of the line between two cameras from the person, m.
-_NEAREST = 0.4
-#: Fewest outermost points by which two cameras are compared.
-LEAST_SHARED = 20
 #: Distance of a point from its epipolar line beyond which it is no worse, px.
-_FARTHEST = 8.0
+FARTHEST = 8.0
 #: Rounds of the first adjustment and of the finalists'.
 FIRST, SECOND = 4, 10
-#: Gate of the last rounds, px: so far silhouettes are wrong.
-LAST_GATE = 2.0
+#: Gates of the outermost planes and of the last rounds, px: so far silhouettes are wrong.
+_GATE, LAST_GATE = 4.0, 2.0
 #: Turn, rad, and lag, frames, up to which two rigs are the same arrangement.
 _SAME_TURN, _SAME_LAG = 0.14, 4.0
 #: Most passes over a rig, the share of a standard deviation below which it stays, and the multiple
@@ -72,6 +69,8 @@ class PersonPoints:
         config: PersonConfig,
     ) -> None:  # fmt: skip
         self.config = config
+        #: Steps of the cameras; lenses are kept unless only an angle of view is stated.
+        self.spread = RigSpread(turn=0.1, shift=0.3, focal=0.3 * config.focal or 1e-4, time=5.0)
         self.hulls = [HullRays(c, own) for c, own in zip(cameras, outlines, strict=True)]
         self.contours = [SilhouetteContours(own) for own in outlines]
         self.shortest = min(len(own) for own in outlines)
@@ -91,7 +90,7 @@ class PersonPoints:
         scene, found = intersect_axes_ahead(CameraRig(tuple(cameras))), []
         for pair in combinations(range(len(cameras)), 2):
             _, axes, distance = look_along_baseline(cameras[pair[0]], cameras[pair[1]], scene)
-            if distance < _NEAREST:
+            if distance < NEAREST:
                 continue
             sides = []
             for view in pair:
@@ -117,7 +116,7 @@ class PersonPoints:
             own.frames = contours.frames - int(shift)
             moved.append(own)
         scene = intersect_axes_ahead(CameraRig(tuple(cameras)))
-        tips = find_frontier_points(cameras, moved, scene, gate, self.config.narrow.bend)
+        tips = find_frontier_points(cameras, moved, scene, gate)
         return join_points([outermost.select(kept), tips])
 
 
@@ -148,10 +147,9 @@ def adjust_extremes(
     rig: CameraRig, lags: np.ndarray, points: PersonPoints, rounds: int, every: int = 1
 ) -> Adjusted | None:
     """Adjust the rig to the outermost planes; None if there are too few."""
-    config = points.config.wide
     return adjust_rounds(
         rig, lags, lambda cameras, shifts, gate: points.find_extremes(cameras, shifts, every),
-        config, [config.gate] * rounds,
+        points.spread, [_GATE] * rounds,
     )  # fmt: skip
 
 
@@ -162,8 +160,8 @@ def adjust_frontier(
     """Adjust the rig to all frontier points, matched again within gates from the `widest`, px, to
     the last; None if there are too few."""
     gates = np.geomspace(widest, LAST_GATE, round(widest / 2))
-    narrow = points.config.narrow
-    return adjust_rounds(start.rig, start.lags, points.find_all, narrow, gates.tolist(), further)
+    spread = points.spread
+    return adjust_rounds(start.rig, start.lags, points.find_all, spread, gates.tolist(), further)
 
 
 def measure_turn(first: Sequence[Camera], second: Sequence[Camera]) -> float:
@@ -180,7 +178,7 @@ def differ(first: Adjusted, second: Adjusted) -> bool:
 
 
 def adjust_rounds(
-    rig: CameraRig, lags: np.ndarray, find: Find, config: AlignmentConfig, gates: Sequence[float],
+    rig: CameraRig, lags: np.ndarray, find: Find, spread: RigSpread, gates: Sequence[float],
     further: MeasureShifted | None = None,
 ) -> Adjusted | None:  # fmt: skip
     """Adjust the rig to what `find` finds, in a round per gate; None if there are too few points.
@@ -202,7 +200,7 @@ def adjust_rounds(
         # Cameras without common points have no variances; they are refused later.
         with np.errstate(all="ignore"):
             try:
-                found = fit_rig(rig, [gate], search, config, start, more, group)
+                found = fit_rig(rig, [gate], search, spread, start, more, group)
                 if found is None:
                     return None
                 rig, lags = found.apply(rig), shifts - found.offsets
@@ -221,8 +219,8 @@ def measure_misfit(adjusted: Adjusted, points: PersonPoints, every: int = 1) -> 
     n = len(adjusted.rig)
     wanted = 0.5 * n * (n - 1) * points.shortest / every
     residuals, _ = epipolar_residuals(adjusted.rig.cameras, found, shifts - adjusted.lags)
-    total = np.minimum(np.abs(residuals), _FARTHEST).sum()
-    total += 0.5 * _FARTHEST * max(0.0, wanted - len(found))
+    total = np.minimum(np.abs(residuals), FARTHEST).sum()
+    total += 0.5 * FARTHEST * max(0.0, wanted - len(found))
     return float(total / max(wanted, len(found), 1))
 
 
@@ -238,7 +236,7 @@ def measure_pairs(adjusted: Adjusted, points: PersonPoints) -> np.ndarray:
     medians = np.full((len(cameras), len(cameras)), np.nan)
     for a, b in combinations(range(len(cameras)), 2):
         own = np.abs(residuals[(found.views == (a, b)).all(axis=1)])
-        if len(own) >= LEAST_SHARED:
+        if len(own) >= FEWEST:
             medians[a, b] = medians[b, a] = np.median(own)
     return medians
 

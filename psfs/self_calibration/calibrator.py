@@ -151,10 +151,10 @@ def _find_rig(take: PersonTake, rate: float, config: PersonConfig, track: Track)
         found.sort(key=lambda rig: measure_worst_misfit(rig, take.points))
     best = _refine_finely(found[0], take.points, take.edges, take.find_up)
     for rival in [own for own in found[1:] if differ(own, best)][:1]:
-        if fits_as_well(rival, best, take.points, rate, config):
+        if fits_as_well(rival, best, take.points, rate):
             # Gait repeats itself: limbs and the room tell more.
             rival = _refine_finely(rival, take.points, take.edges, take.find_up)
-            check_unambiguous(best, rival, take.points, rate, config)
+            check_unambiguous(best, rival, take.points, rate)
     return best
 
 
@@ -250,7 +250,7 @@ def _refine_finely(
 ) -> Adjusted:  # fmt: skip
     """Adjust a rig to frontier points and the room's edges until it stays, then to points on limbs'
     axes, too. find_up: tells the person's up (3,)."""
-    views = LimbViews.create(points.hulls, points.contours, points.config.limbs)
+    views = LimbViews.create(points.hulls, points.contours)
     waists = [_find_waists(contours) for contours in points.contours]
 
     def prepare(found: Adjusted, limbs: LimbPoints | None = None) -> MeasureShifted:

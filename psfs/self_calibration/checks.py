@@ -12,9 +12,11 @@ from cl import InputError
 from psfs.cameras.camera import Camera
 from psfs.cameras.rig_geometry import intersect_axes_ahead
 from psfs.common.least_squares import estimate_noise, robust_weights
+from psfs.common.numbers import FALSE_ALARMS
 from psfs.diagnostics.frontier import epipolar_residuals
-from psfs.diagnostics.refinement import N_PARAMETERS, measure_scene_motion
+from psfs.diagnostics.refinement import N_PARAMETERS, NOISE, measure_scene_motion
 from psfs.self_calibration.adjustment import (
+    FARTHEST,
     LAST_GATE,
     Adjusted,
     PersonPoints,
@@ -30,13 +32,9 @@ from psfs.self_calibration.take import FILM
 _INDEPENDENT = 0.5
 #: Median size of normal noise, in standard deviations.
 _MEDIAN = 0.6745
-#: Gate of the points by which the uncertainty is told, px: what is wrong alike is not left out.
-_GATE = 8.0
 
 
-def fits_as_well(
-    rival: Adjusted, best: Adjusted, points: PersonPoints, rate: float, config: PersonConfig
-) -> bool:
+def fits_as_well(rival: Adjusted, best: Adjusted, points: PersonPoints, rate: float) -> bool:
     """Return whether a rig fits no camera worse than the best: by the ratio of the variances (F
     test), of one camera after the other, for most of them may stand the same in both.
 
@@ -44,15 +42,13 @@ def fits_as_well(
     """
     own, other = (summarise_pairs(measure_pairs(of, points)) / _MEDIAN for of in (best, rival))
     count = 2 * (len(best.rig) - 1) * points.shortest / (rate * _INDEPENDENT)
-    limit = np.sqrt(scipy.special.fdtri(count, count, 1 - config.false_positive_rate))
-    return not (other > limit * np.maximum(own, config.narrow.noise)).any()
+    limit = np.sqrt(scipy.special.fdtri(count, count, 1 - FALSE_ALARMS))
+    return not (other > limit * np.maximum(own, NOISE)).any()
 
 
-def check_unambiguous(
-    best: Adjusted, rival: Adjusted, points: PersonPoints, rate: float, config: PersonConfig
-) -> None:
+def check_unambiguous(best: Adjusted, rival: Adjusted, points: PersonPoints, rate: float) -> None:
     """Raise InputError if another arrangement fits as well as the best, see `fits_as_well`."""
-    if not differ(rival, best) or not fits_as_well(rival, best, points, rate, config):
+    if not differ(rival, best) or not fits_as_well(rival, best, points, rate):
         return
     own, other = (summarise_pairs(measure_pairs(of, points)) for of in (best, rival))
     late = float(np.abs(rival.lags - best.lags).max())
@@ -109,17 +105,17 @@ def measure_uncertainty(
     0.4 to 0.7 of it. rate: frames per second.
     """
     cameras, shifts = found.rig.cameras, np.round(found.lags).astype(int)
-    touched = points.find_all(cameras, shifts, _GATE)
+    touched = points.find_all(cameras, shifts, FARTHEST)  # with what is wrong alike
     residuals, slopes = epipolar_residuals(cameras, touched, shifts - found.lags)
     size, rows = len(cameras) * N_PARAMETERS, np.arange(len(touched))
     by_camera = np.zeros((len(touched), len(cameras), N_PARAMETERS))
     for side in range(2):
         by_camera[rows, touched.views[:, side]] = slopes[:, side]
     jacobian = by_camera.reshape(-1, size)
-    noise = estimate_noise(residuals, least=points.config.narrow.noise)
+    noise = estimate_noise(residuals, least=NOISE)
     weights = robust_weights(residuals, noise) / noise**2
-    config, held = points.config.wide, measure_scene_motion(found.rig) / 1e-3
-    spread = np.tile([*3 * [config.turn], *3 * [config.shift], 1e-4, config.time], len(cameras))
+    allowed, held = points.spread, measure_scene_motion(found.rig) / 1e-3
+    spread = np.tile([*3 * [allowed.turn], *3 * [allowed.shift], 1e-4, allowed.time], len(cameras))
     normal = (jacobian.T * weights) @ jacobian + np.diag(spread**-2.0) + held.T @ held
     inverse = np.linalg.inv(normal)
     pulls = (weights * residuals)[:, None] * jacobian

@@ -12,9 +12,9 @@ from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.names import join_names
 from psfs.diagnostics.hulls import HullRays
 from psfs.diagnostics.small_views import Outline
-from psfs.self_calibration.adjustment import LEAST_SHARED, PersonPoints
+from psfs.self_calibration.adjustment import PersonPoints
 from psfs.self_calibration.config import PersonConfig
-from psfs.self_calibration.upright import UprightView, fit_upright
+from psfs.self_calibration.upright import FEWEST, UprightView, fit_upright
 
 Outlines = Sequence[Sequence[Outline | None]]
 #: What to film if the cameras cannot be found.
@@ -66,18 +66,6 @@ class PersonTake:
         pairs = zip(rig, self.views, strict=True)
         return np.mean([camera.R.T @ own[0].axes[2] for camera, own in pairs], axis=0)
 
-    def select(self, views: Sequence[int]) -> PersonTake:
-        """Return what some of the cameras tell."""
-        return PersonTake(
-            [self.cameras[view] for view in views],
-            [self.outlines[view] for view in views],
-            self.points.select(views),
-            [self.views[view] for view in views],
-            [self.edges[view] for view in views],
-            self.step,
-            self.most,
-        )
-
     def trace_hulls(self) -> list[HullRays]:
         """Return the cameras' hulls in every `step`-th frame."""
         pairs = zip(self.cameras, self.outlines, strict=True)
@@ -89,10 +77,10 @@ def check_seen(cameras: Sequence[Camera], outlines: Outlines) -> None:
     motions = []
     for camera, own in zip(cameras, outlines, strict=True):
         whole = [of.points for of in own if of is not None and not of.at_border.any()]
-        if len(whole) < LEAST_SHARED:
+        if len(whole) < FEWEST:
             raise InputError(
                 f"{camera.name}: the whole person is in {len(whole)} of {len(own)} pictures; "
-                f"expected {LEAST_SHARED} or more; {FILM}"
+                f"expected {FEWEST} or more; {FILM}"
             )
         edges = np.array([[*of.min(axis=0), *of.max(axis=0)] for of in whole])
         motions.append(edges.std(axis=0).max() / np.median(edges[:, 3] - edges[:, 1]))

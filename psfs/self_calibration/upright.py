@@ -17,19 +17,19 @@ import scipy
 from psfs.cameras.camera import Camera
 from psfs.diagnostics.hulls import HullRays
 from psfs.diagnostics.small_views import Outline
+from psfs.footage.camera_times import INDEPENDENT_SHARE
 
 #: Shares of the person's apparent height that count as head and as feet.
 _HEAD, _FEET = 0.12, 0.2
-#: Standard deviations of the head's elevation and of its azimuth from the feet's, rad; independent
-#: measurements per frame, for neighbouring frames are alike.
-_ELEVATION, _AZIMUTH, _INFORMATION = 0.02, 0.04, 0.1
+#: Standard deviations of the head's elevation and of its azimuth from the feet's, rad.
+_ELEVATION, _AZIMUTH = 0.02, 0.04
 #: Cameras' usual tilt, rad upwards, and height, statures, with their standard deviations, and that
 #: of roll, rad.
 _TILT, _HEIGHT, _ROLL = (-0.1, 0.5), (0.9, 0.35), 0.06
 #: Turn of the fitted tilt, upwards and downwards, that is tried too, rad.
 _TURN = 0.105
-#: Fewest frames by which one or two cameras are judged.
-FEWEST = 12
+#: Fewest frames, or points in these, by which one or two cameras are judged.
+FEWEST = 20
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,17 +84,14 @@ def fit_upright(camera: Camera, outlines: Sequence[Outline | None]) -> list[Upri
     return [_make_view(hulls, ends, values[0] + turn, values[1]) for turn in turns]
 
 
-def view_from_up(camera: Camera, outlines: Sequence[Outline | None], up: np.ndarray) -> UprightView:
-    """Return the camera's view of its outlines [frame], with `up` (3,) in its axes given."""
-    tilt, roll = np.arctan2(up[2], -up[1]), np.arcsin(np.clip(up[0], -1, 1))
-    return _make_view(HullRays(camera, outlines), _Ends(camera, outlines), tilt, roll)
-
-
 def _cost(hulls: HullRays, ends: _Ends, x: np.ndarray) -> float:
     """Return the robust sum of squares of the misfits and of the deviations from usual cameras."""
-    elevation, azimuth = _misfits(hulls, ends, x)
-    own = np.concatenate([elevation / _ELEVATION, azimuth / _AZIMUTH])
-    robust = 2 * _INFORMATION * (np.sqrt(1 + own[np.isfinite(own)] ** 2) - 1).sum()
+    top, bottom, head, feet = _measure(hulls, ends, floor_axes(x[0], x[1])).T
+    b = np.tan(-bottom)
+    predicted = np.arctan(b * (1 - x[2]) / max(x[2], 0.05))
+    elevation = np.where(b > 0, top - predicted, np.nan)
+    own = np.concatenate([elevation / _ELEVATION, (head - feet) / _AZIMUTH])
+    robust = 2 * INDEPENDENT_SHARE * (np.sqrt(1 + own[np.isfinite(own)] ** 2) - 1).sum()
     prior = [
         (x[0] - _TILT[0]) / _TILT[1],
         x[1] / _ROLL,
@@ -141,17 +138,11 @@ class _Ends:
         return out
 
 
-def measure_elevations(hulls: HullRays, axes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the elevations (F,) of the person's top and bottom over the horizon, rad."""
+def _measure(hulls: HullRays, ends: _Ends, axes: np.ndarray) -> np.ndarray:
+    """Return elevations of top and bottom, azimuths of head and feet (F, 4), rad."""
     local = hulls.rays @ axes.T
     elevation = np.arctan2(local[:, 2], np.hypot(local[:, 0], local[:, 1]))
     bottom, top = hulls.extremes(elevation).T
-    return top, bottom
-
-
-def _measure(hulls: HullRays, ends: _Ends, axes: np.ndarray) -> np.ndarray:
-    """Return elevations of top and bottom, azimuths of head and feet (F, 4), rad."""
-    top, bottom = measure_elevations(hulls, axes)
     own = ends.rays @ axes.T
     rise = np.arctan2(own[:, 2], np.hypot(own[:, 0], own[:, 1]))
     share = (rise - bottom[ends.frames]) / (top - bottom)[ends.frames]
@@ -162,11 +153,3 @@ def _measure(hulls: HullRays, ends: _Ends, axes: np.ndarray) -> np.ndarray:
     out = np.stack([top, bottom, head, feet], -1)
     out[~np.isfinite(out).all(1)] = np.nan
     return out
-
-
-def _misfits(hulls: HullRays, ends: _Ends, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the misfits of the head's elevation and azimuth (F,), rad."""
-    top, bottom, head, feet = _measure(hulls, ends, floor_axes(x[0], x[1])).T
-    b = np.tan(-bottom)
-    predicted = np.arctan(b * (1 - x[2]) / max(x[2], 0.05))
-    return np.where(b > 0, top - predicted, np.nan), head - feet

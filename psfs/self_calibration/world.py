@@ -14,14 +14,14 @@ from psfs.cameras.triangulation import intersect_rays
 from psfs.common.least_squares import Parameters, Residuals, Slope, prior, solve
 from psfs.common.numbers import pick_evenly
 from psfs.diagnostics.frontier import FrontierPoints, SilhouetteContours, trace_points
+from psfs.footage.camera_times import INDEPENDENT_SHARE
 from psfs.self_calibration.adjustment import Adjusted, PersonPoints
 from psfs.self_calibration.config import PersonConfig
 from psfs.self_calibration.room_edges import fit_vertical
 from psfs.self_calibration.take import PersonTake
 
-#: Standard deviation of the person's up, rad, and of a lowest point over the floor, m; measurements
-#: per frame, for neighbouring frames are alike.
-_UP, _FEET, _INFORMATION = 0.026, 0.02, 0.1
+#: Standard deviation of the person's up, rad, and of a lowest point over the floor, m.
+_UP, _FEET = 0.026, 0.02
 #: Percentile of the heights of the topmost points that is the stature: knees bend.
 _STANDING = 90.0
 #: Frames that are used; greatest distance of the floor from the lowest points, step of the slices,
@@ -109,7 +109,9 @@ def fit_floor(low: np.ndarray, up: float = _UP) -> np.ndarray:
     def evaluate(parameters: Parameters) -> list[Residuals]:
         (values,) = parameters["floor"]
         slope = Slope("floor", np.zeros(len(low), int), plane[:, None])
-        away = Residuals(plane @ values - low[:, 2], [slope], weights=_INFORMATION, least=_FEET)
+        away = Residuals(
+            plane @ values - low[:, 2], [slope], weights=INDEPENDENT_SHARE, least=_FEET
+        )
         return [away, prior("floor", parameters["floor"], np.array([[up, up, np.inf]]))]
 
     start = np.array([[0.0, 0.0, np.median(low[:, 2])]])

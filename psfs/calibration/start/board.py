@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 
 from psfs.calibration.scene import (
+    GOOD,
     CalibrationScene,
     place_camera,
     reprojection_errors,
@@ -22,8 +23,6 @@ from psfs.common.numbers import pick_evenly
 
 #: Most frames of a camera pair that propose its relative pose.
 _PROPOSALS = 24
-#: Error per picture, px, below which a proposed pose is accepted without trying the others.
-_GOOD_ENOUGH_PX = 1.0
 
 
 def estimate_board_pose(camera: Camera, target: Target, sighting: Sighting) -> np.ndarray | None:
@@ -93,7 +92,7 @@ def choose_best_pose(
             cost += min(min(off), 100.0)  # one camera with a large error must not decide
         if best is None or cost < best[0]:
             best = cost, pose, fitting
-        if cost < _GOOD_ENOUGH_PX * len(sightings):
+        if cost < GOOD * len(sightings):
             break
     assert best is not None
     return best[1], best[2]

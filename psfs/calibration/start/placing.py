@@ -12,6 +12,10 @@ from cl import InputError
 from psfs.calibration.targets.target import Sighting, group_by_frame
 
 Pair = tuple[int, int]
+#: Frames with the target below which a camera sees too little; and fewest that two cameras share so
+#: that one can be placed by the other: with a wand, of which a picture tells little, and with a
+#: board, whose pose each picture tells.
+FEW_FRAMES, FEW_WANDS, FEW_BOARDS = 12, 10, 3
 
 
 def count_shared_frames(sightings: Sequence[Sighting], views: int) -> np.ndarray:

@@ -17,6 +17,7 @@ from psfs.calibration.start.lenses import with_focal_length
 from psfs.calibration.start.placing import chain_poses
 from psfs.calibration.targets.target import Sighting, Target, group_by_frame
 from psfs.cameras.camera import Camera
+from psfs.cameras.triangulation import intersect_rays
 
 #: Inlier threshold of the essential matrix, px.
 _INLIER_PX = 3.0
@@ -158,7 +159,9 @@ def _propose_poses(
     found = []
     pairs = list(combinations(sightings, 2))[:_PROPOSERS]
     for (one, two), order in product(pairs, target.orders):
-        points = _triangulate(rig[one.view], rig[two.view], one.pixels, two.pixels[order])
+        rays = [rig[one.view].rays(one.pixels), rig[two.view].rays(two.pixels[order])]
+        centres = np.stack([rig[one.view].centre, rig[two.view].centre])
+        points = intersect_rays(centres, np.stack(rays, axis=1))
         axis = points[-1] - points[0]
         length = np.linalg.norm(axis)
         if not 0 < length < np.inf:
@@ -176,12 +179,3 @@ def _pose_along(target: Target, points: np.ndarray) -> np.ndarray:
     z /= np.linalg.norm(z)
     R = np.stack([x, np.cross(z, x), z], -1)
     return rigid_transform(R, points.mean(0) - R @ target.points.mean(0))
-
-
-def _triangulate(a: Camera, b: Camera, one: np.ndarray, two: np.ndarray) -> np.ndarray:
-    """Triangulate the points (N, 3) that two cameras see at pixels (N, 2)."""
-    P, Q = (np.hstack([camera.R, camera.t[:, None]]) for camera in (a, b))
-    points = cv2.triangulatePoints(P, Q, a.normalise(one).T, b.normalise(two).T)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        found: np.ndarray = (points[:3] / points[3]).T
-    return np.nan_to_num(found, nan=0.0, posinf=1e6, neginf=-1e6)

@@ -10,8 +10,8 @@ import numpy as np
 from cl import InputError
 from psfs.common.ranges import check_number
 
-#: If the ratio of a wand's two distances lies in this range, its ends cannot be distinguished.
-_EQUAL_RATIOS = (0.9, 1 / 0.9)
+#: Ratio of a wand's two distances up to which its ends cannot be distinguished.
+EQUAL = 1.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,9 +121,7 @@ def make_wand(lengths: Sequence[float]) -> Target:
     points = np.zeros((len(lengths) + 1, 3))
     points[1:, 0] = np.cumsum(lengths)
     order = np.arange(len(points))
-    distinct = (
-        len(lengths) == 2 and not _EQUAL_RATIOS[0] < lengths[0] / lengths[1] < _EQUAL_RATIOS[1]
-    )
+    distinct = len(lengths) == 2 and max(lengths) >= EQUAL * min(lengths)
     orders = [order] if distinct else [order, order[::-1]]
     name = "wand of " + " and ".join(f"{length:g}" for length in lengths) + " m"
     return Target(name, points, np.stack(orders))

@@ -32,7 +32,7 @@ Sizes = Size | Mapping[str, Size] | Callable[[Sequence[str]], Sequence[Size]] | 
 #: Half a turn about x: from a camera's axes with y up and z backward to OpenCV's, and back.
 TO_OPENCV = np.diag([1.0, -1.0, -1.0])
 #: Most numbers in one value; the longest value is the distortion.
-_MOST_NUMBERS = 64
+MOST_NUMBERS = 64
 #: Up to this deviation from a rotation, R is taken for a rounded rotation and corrected.
 _ROUNDING = 1e-3
 #: No length, px or mm, or angle is as large; the products of a few such are still finite.
@@ -127,7 +127,7 @@ def parse_array(value: object, count: int | None, what: str) -> np.ndarray:
     shown = repr(value) if len(repr(value)) < 100 else f"{repr(value)[:100]}..."
     try:
         plain = np.asarray(value)
-        if plain.dtype.kind not in "iuf" or plain.size > _MOST_NUMBERS:
+        if plain.dtype.kind not in "iuf" or plain.size > MOST_NUMBERS:
             raise ValueError
         flat = plain.astype(np.float64).ravel()
     except (TypeError, ValueError, OverflowError, RecursionError):

@@ -18,6 +18,7 @@ import numpy as np
 
 from cl import InputError
 from psfs.cameras.calibration.common import (
+    MOST_NUMBERS,
     PLAIN,
     Calibration,
     Sizes,
@@ -51,7 +52,6 @@ _SIZE = ("width", "height")
 _LAYOUT = replace(PLAIN, size=_SIZE)
 #: Most levels of brackets or tags; OpenCV crashes on thousands, and a calibration has four.
 _DEEPEST = 32
-_MOST_ITEMS = 64
 
 
 def check_nesting(text: str, suffix: str) -> None:
@@ -99,10 +99,10 @@ def _read_node(node: Any) -> Any:
 
 def _read_numbers(node: Any) -> np.ndarray:
     """Return the numbers (N,) of a matrix, float64. Raises InputError."""
-    items = [node.at(i) for i in range(min(node.size(), _MOST_ITEMS + 1))]
-    if len(items) > _MOST_ITEMS or not all(item.isReal() or item.isInt() for item in items):
+    items = [node.at(i) for i in range(min(node.size(), MOST_NUMBERS + 1))]
+    if len(items) > MOST_NUMBERS or not all(item.isReal() or item.isInt() for item in items):
         raise InputError(
-            f"the data of a matrix is not a list of numbers; expected up to {_MOST_ITEMS} of them"
+            f"the data of a matrix is not a list of numbers; expected up to {MOST_NUMBERS} of them"
         )
     return np.array([item.real() for item in items], float)
 

@@ -14,19 +14,19 @@ from psfs.diagnostics.refinement import correct_cameras, measure_points
 
 #: Most steps of an adjustment.
 _STEPS = 20
+#: Standard deviation of a limb's length from frame to frame, as a share of it.
+_RIGID = 0.04
 
 
 @dataclass(frozen=True, eq=False)
 class Segments:
     """Segments between the K points of a frame, whose lengths stay the same in all frames.
 
-    pairs: (S, 2) int, the points at both ends. n_points: K. spread: standard deviation of a length,
-    as a share of it.
+    pairs: (S, 2) int, the points at both ends. n_points: K.
     """
 
     pairs: np.ndarray
     n_points: int
-    spread: float
 
     def measure(self, points: np.ndarray) -> Residuals:
         """Return by how much lengths between points (F K, 3) differ from their median, as shares
@@ -40,7 +40,7 @@ class Segments:
         usual = np.nanmedian(np.where(never, 1.0, lengths), axis=0)
         along = (apart / (lengths * usual)[..., None]).reshape(-1, 1, 3)
         slopes = [Slope("points", ends[0].ravel(), along), Slope("points", ends[1].ravel(), -along)]
-        return Residuals((lengths / usual - 1).ravel(), slopes, sigma=self.spread)
+        return Residuals((lengths / usual - 1).ravel(), slopes, sigma=_RIGID)
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,7 +16,7 @@ from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.names import join_names
 from psfs.common.numbers import pick_evenly
 from psfs.footage.camera_times import shift_points
-from psfs.self_calibration.config import PointsConfig
+from psfs.self_calibration.config import PersonConfig
 from psfs.self_calibration.points.bundle import (
     PointObservations,
     PointScene,
@@ -26,7 +26,7 @@ from psfs.self_calibration.points.bundle import (
     triangulate_rays,
 )
 from psfs.self_calibration.points.lags import estimate_lags
-from psfs.self_calibration.points.start import FEWEST, place_cameras, pose_sigmas
+from psfs.self_calibration.points.start import FEWEST, GATE, place_cameras, pose_sigmas
 
 #: What to film if the cameras cannot be found.
 FILM = (
@@ -58,36 +58,35 @@ class PointCalibration:
 
 
 def calibrate_by_points(
-    cameras: Sequence[Camera], keypoints: np.ndarray, longest_lag: int, config: PointsConfig,
-    segments: Sequence[tuple[int, int]] = (), focal: float = 0.0,
+    cameras: Sequence[Camera], keypoints: np.ndarray, longest_lag: int, config: PersonConfig,
+    segments: Sequence[tuple[int, int]] = (),
 ) -> PointCalibration:  # fmt: skip
     """Estimate the cameras' poses and lags from keypoints (V, F, K, 3): px of the pictures, with
     distortion, and confidence; NaN where missing.
 
     cameras: with intrinsics; poses are ignored. longest_lag: frames; 0: none comes late. segments:
-    pairs of keypoints whose distance stays the same. focal: standard deviation of the focal
-    length's logarithm; 0: it is kept. Raises InputError, which says what to film,
-    if the cameras cannot be found.
+    pairs of keypoints whose distance stays the same. Raises InputError, which says what to film, if
+    the cameras cannot be found.
     """
     if len(cameras) < 2:
         raise InputError(f"{len(cameras)} camera; expected two or more")
     plain = [_without_distortion(camera) for camera in cameras]
     seen = np.stack([_undistort(*pair, config) for pair in zip(cameras, keypoints, strict=True)])
     longest = max(max(camera.size) for camera in cameras)
-    noise = config.noise * longest
+    noise = config.worst_keypoint / GATE * longest
     lags = np.zeros(len(cameras), int)
     if longest_lag:
         lags = estimate_lags(seen, longest_lag, FEWEST, noise)
     frames = _choose_frames(seen, lags)
     rigid = None
     if segments:
-        rigid = Segments(np.array(segments), keypoints.shape[2], config.rigid)
+        rigid = Segments(np.array(segments), keypoints.shape[2])
     observations = replace(_observe(seen, lags, frames), segments=rigid)
     scenes = place_cameras(plain, observations, noise)
     if not scenes:
         raise InputError(f"no arrangement of the cameras fits the keypoints; {FILM}")
     scene = min(scenes, key=lambda of: _total_error(of, observations))
-    scene, lags = _adjust(scene, observations, seen, lags, frames, noise, focal)
+    scene, lags = _adjust(scene, observations, seen, lags, frames, noise, config.focal)
     return _finish(cameras, scene, seen, lags, frames, config)
 
 
@@ -98,7 +97,7 @@ def _without_distortion(camera: Camera) -> Camera:
     return Camera(camera.name, K, np.zeros(5), np.eye(3), np.zeros(3), camera.size)
 
 
-def _undistort(camera: Camera, points: np.ndarray, config: PointsConfig) -> np.ndarray:
+def _undistort(camera: Camera, points: np.ndarray, config: PersonConfig) -> np.ndarray:
     """Return sure keypoints (F, K, 3) as pixels (F, K, 2) of `_without_distortion`."""
     sure = np.isfinite(points).all(axis=-1) & (np.nan_to_num(points[..., 2]) >= config.confidence)
     out = np.full((*points.shape[:2], 2), np.nan)
@@ -168,7 +167,7 @@ def _adjust(
 
 def _finish(
     cameras: Sequence[Camera], scene: PointScene, seen: np.ndarray, lags: np.ndarray,
-    frames: np.ndarray, config: PointsConfig,
+    frames: np.ndarray, config: PersonConfig,
 ) -> PointCalibration:  # fmt: skip
     """Return the calibration. Raises InputError if it cannot be trusted."""
     observations = _observe(seen, lags, frames)
@@ -180,8 +179,8 @@ def _finish(
     medians = np.nanmedian(away, axis=1)
     shares = medians / np.array([max(camera.size) for camera in cameras])
     worst = int(shares.argmax())
-    if shares[worst] > config.worst:
-        limit = config.worst * max(cameras[worst].size)
+    if shares[worst] > config.worst_keypoint:
+        limit = config.worst_keypoint * max(cameras[worst].size)
         raise InputError(
             f"the keypoints fit no arrangement of the cameras: those of {cameras[worst].name} are "
             f"{medians[worst]:.1f} px off, expected at most {limit:.1f}; {FILM}"

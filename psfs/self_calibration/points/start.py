@@ -20,7 +20,7 @@ from psfs.self_calibration.points.bundle import (
 )
 
 #: RANSAC's confidence; its most trials; its gate in standard deviations of a keypoint.
-_SURE, _TRIALS, _GATE = 0.9999, 2000, 3.0
+_SURE, _TRIALS, GATE = 0.9999, 2000, 3.0
 #: Fewest keypoints that two neighbouring cameras must share.
 FEWEST = 60
 #: Least median angle between the rays of the two cameras that are placed first, degrees; pairs of
@@ -55,7 +55,7 @@ def _place_pair(
     if len(both) < FEWEST:
         return None
     first, second = (cameras[v].normalise(observations.pixels[v, both]) for v in pair)
-    gate = _GATE * noise / np.mean([cameras[view].K[0, 0] for view in pair])
+    gate = GATE * noise / np.mean([cameras[view].K[0, 0] for view in pair])
     cv2.setRNGSeed(1)
     E, inside = cv2.findEssentialMat(
         first, second, np.eye(3), method=cv2.RANSAC, prob=_SURE, threshold=gate, maxIters=_TRIALS
@@ -117,7 +117,7 @@ def _resect(
     cv2.setRNGSeed(1)
     found, turn, shift, inside = cv2.solvePnPRansac(
         scene.points[both], flat, np.eye(3), None, iterationsCount=_TRIALS, confidence=_SURE,
-        reprojectionError=2 * _GATE * noise / camera.K[0, 0], flags=cv2.SOLVEPNP_EPNP,
+        reprojectionError=2 * GATE * noise / camera.K[0, 0], flags=cv2.SOLVEPNP_EPNP,
     )  # fmt: skip
     if not found or inside is None or len(inside) < FEWEST // 2:
         return None
@@ -136,7 +136,7 @@ def _adjust_some(
     own = adjust_points(own, some, sigmas, noise)
     # Points that fit badly are not used to place the next camera.
     worst = np.nan_to_num(measure_errors(own, some)).max(axis=0)
-    points = np.where((worst < 4 * _GATE * noise)[:, None], own.points, np.nan)
+    points = np.where((worst < 4 * GATE * noise)[:, None], own.points, np.nan)
     merged = list(scene.cameras)
     for view, camera in zip(placed, own.cameras, strict=True):
         merged[view] = camera

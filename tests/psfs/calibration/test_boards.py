@@ -11,7 +11,6 @@ import pytest
 from helpers import calibration as made
 
 from cl import InputError
-from psfs.calibration.config import MarkerConfig
 from psfs.calibration.intrinsics import read_intrinsics
 from psfs.calibration.targets.board_files import read_board
 from psfs.calibration.targets.boards import CharucoFinder, ChessboardFinder
@@ -151,12 +150,12 @@ def test_spots_are_found_to_a_fraction_of_a_pixel() -> None:
     rows, columns = np.mgrid[:60, :80]
     spots = np.array([[20.3, 30.6], [55.75, 12.2]])
     image = sum(200 * np.exp(-((columns - x) ** 2 + (rows - y) ** 2) / 5) for x, y in spots)
-    found = find_bright_spots(np.rint(image).astype(np.uint8), MarkerConfig())
+    found = find_bright_spots(np.rint(image).astype(np.uint8))
     np.testing.assert_allclose(found[found[:, 0].argsort()], spots, atol=0.05)
-    assert len(find_bright_spots(np.full((60, 80), 20, np.uint8), MarkerConfig())) == 0
+    assert len(find_bright_spots(np.full((60, 80), 20, np.uint8))) == 0
     corners = np.zeros((60, 80), np.uint8)
     corners[:3, :3] = corners[-3:, -3:] = 200
-    np.testing.assert_allclose(find_bright_spots(corners, MarkerConfig()), [[1, 1], [78, 58]])
+    np.testing.assert_allclose(find_bright_spots(corners), [[1, 1], [78, 58]])
 
 
 def test_lenses_come_from_pictures_of_a_board_alone(tmp_path: Path) -> None:

@@ -10,14 +10,12 @@ from helpers import calibration as made
 
 from cl import InputError
 from psfs.calibration.calibrator import CalibrationResult, calibrate_cameras
-from psfs.calibration.config import CalibrationConfig
 from psfs.calibration.report import judge_calibration, summarise_views
 from psfs.calibration.scene import CalibrationScene, all_reprojection_errors, rms
 from psfs.calibration.targets.target import Sighting, Target, make_chessboard, make_wand
 from psfs.calibration.world import align_to_cameras, align_to_floor
 from psfs.cameras.camera import Camera
 
-CONFIG = CalibrationConfig()
 CAMERAS = made.ring(size=(1280, 720), focal=900)
 FOUR = CAMERAS[:4]
 #: One whose points look alike from two sides, one with equal ends, one with a middle marker.
@@ -36,7 +34,7 @@ def poses(target: Target, frames: int, seed: int = 1) -> list[np.ndarray]:
 def calibration_of(
     target: Target, sightings: list[Sighting], given: list[Camera] = CAMERAS, known: bool = True
 ) -> CalibrationResult:
-    return calibrate_cameras(made.unplaced(given), target, sightings, known, CONFIG)
+    return calibrate_cameras(made.unplaced(given), target, sightings, known)
 
 
 @pytest.mark.parametrize(
@@ -83,7 +81,7 @@ def test_a_camera_that_was_moved_is_named() -> None:
     good = [0, 1, 3]
     away, _ = made.differences([result.scene.cameras[k] for k in good], [CAMERAS[k] for k in good])
     assert away.max() < 5
-    views = summarise_views(result, True, CONFIG)
+    views = summarise_views(result, True)
     assert "cam03" in [view.camera.name for view in views if view.faults]
     assert judge_calibration(views).startswith("to be used with care")
 

@@ -11,7 +11,6 @@ from helpers import scenes
 
 from psfs.cameras.camera import CameraRig
 from psfs.diagnostics.alignment import estimate_alignment, mark_hidden_points
-from psfs.diagnostics.config import AlignmentConfig
 from psfs.diagnostics.frontier import (
     FrontierPoints,
     epipolar_residuals,
@@ -20,7 +19,6 @@ from psfs.diagnostics.refinement import correct_camera, measure_scene_motion
 from psfs.diagnostics.small_views import Outline, extract_outline
 
 EXACT = scenes.ring(5, (640, 480), 4.0)
-CONFIG = AlignmentConfig()
 OFFSETS = np.array([0.4, -0.3, 0.0, 0.2, -0.3])
 
 
@@ -101,7 +99,7 @@ def test_an_exact_rig_stays(outlines: list[list[Outline | None]]) -> None:
     found = estimate_alignment(EXACT, EXACT, outlines)
     assert found is not None and not found.is_accepted()
     assert pixels_apart(found.rig, EXACT) < 0.5
-    assert estimate_alignment(EXACT, EXACT, outlines, CONFIG, sound=10.0) is None
+    assert estimate_alignment(EXACT, EXACT, outlines, sound=10.0) is None
 
 
 def test_nothing_is_said_of_two_cameras_or_of_nobody(

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 from helpers import scenes
 
-from psfs.diagnostics.config import InViewConfig
 from psfs.diagnostics.person_in_view import find_person_in_views
 from psfs.diagnostics.small_views import SmallViews, extract_outline
 
@@ -33,10 +32,10 @@ def make_views() -> SmallViews:
 
 
 def test_cameras_that_see_too_little_are_told_what_to_do() -> None:
-    views, config = make_views(), InViewConfig()
+    views = make_views()
     whole, half, cut = find_person_in_views(views.rig, views.outlines, 2.0)
-    assert (whole.seen, whole.whole, whole.height) == (1, 1, 120) and not whole.describe(config)
-    assert half.seen == 0.5 and "in 50% of the frames: turn it" in half.describe(config)
-    assert cut.whole == 0 and "beyond the picture's bottom" in cut.describe(config)
+    assert (whole.seen, whole.whole, whole.height) == (1, 1, 120) and not whole.describe()
+    assert half.seen == 0.5 and "in 50% of the frames: turn it" in half.describe()
+    assert cut.whole == 0 and "beyond the picture's bottom" in cut.describe()
     small = find_person_in_views(views.rig, views.outlines, 1.0)[0]
-    assert "a person of 60 px" in small.describe(config)
+    assert "a person of 60 px" in small.describe()

@@ -156,9 +156,9 @@ def test_somebody_on_a_circle_is_refused():
     rival = Adjusted(rig, np.add(LAGS, [0, -30, 0, 0]), None)
     points = PersonPoints(CAMERAS, outlines(), CONFIG)
     with pytest.raises(InputError, match=r"two arrangements .* up to 30 frames, .* by 29 degrees"):
-        check_unambiguous(best, rival, points, RATE, CONFIG)
+        check_unambiguous(best, rival, points, RATE)
     exchanged = CameraRig((CAMERAS[1], CAMERAS[0], *CAMERAS[2:]))
-    check_unambiguous(best, Adjusted(exchanged, best.lags, None), points, RATE, CONFIG)
+    check_unambiguous(best, Adjusted(exchanged, best.lags, None), points, RATE)
 
 
 def test_what_is_badly_known_is_refused():

@@ -9,7 +9,7 @@ import pytest
 from helpers.calibration import ring, unplaced
 
 from cl import InputError
-from psfs.self_calibration.config import PointsConfig
+from psfs.self_calibration.config import PersonConfig
 from psfs.self_calibration.points.bundle import (
     PointObservations,
     PointScene,
@@ -21,7 +21,7 @@ from psfs.self_calibration.points.calibrator import calibrate_by_points
 from psfs.self_calibration.points.start import pose_sigmas
 
 CAMERAS = ring()[:4]
-CONFIG = PointsConfig()
+CONFIG = PersonConfig()
 FRAMES, LAGS = 70, np.array([0, 4, -3.4, 6.25])
 LENS = np.array([-0.1, 0.02, 0.001, -0.001, 0])
 
@@ -78,7 +78,7 @@ def test_cameras_and_lags_are_found():
 
 
 def test_focal_lengths_are_found_from_an_angle_of_view():
-    found = calibrate_by_points(lenses(1.08), seen(), 7, CONFIG, focal=0.1)
+    found = calibrate_by_points(lenses(1.08), seen(), 7, CONFIG.replace(focal=0.1))
     shares = [own.K[0, 0] / true.K[0, 0] for own, true in zip(found.rig, CAMERAS, strict=True)]
     np.testing.assert_allclose(shares, 1, atol=0.03)
     assert compare(found.rig) < 0.01
@@ -99,7 +99,7 @@ def test_the_steps_use_the_errors_derivatives(rigid):
     sigmas = pose_sigmas(4)
     sigmas[1:, 6:] = 0.05, 1.0
     lags = np.array([0, 0.3, -0.2, 0.1])
-    pairs = Segments(np.array([[0, 1], [1, 2], [4, 7]]), 12, 0.02) if rigid else None
+    pairs = Segments(np.array([[0, 1], [1, 2], [4, 7]]), 12) if rigid else None
     observations = PointObservations(pixels - lags[:, None, None] * speeds, speeds, pairs)
     wrong = [replace(c, K=c.K * (1 + 0.01 * np.diag([1, 1, 0]))) for c in plain[1:]]
     start = PointScene((plain[0], *wrong), np.zeros(4), points + rng.normal(0, 0.01, (60, 3)))
@@ -118,4 +118,4 @@ def test_what_does_not_fit_is_refused():
     mixed = seen()[:, ::2].copy()
     mixed[3] = mixed[3, ::-1]
     with pytest.raises(InputError, match="arrangement of the cameras"):
-        calibrate_by_points(lenses(), mixed, 0, CONFIG.replace(worst=0.004))
+        calibrate_by_points(lenses(), mixed, 0, CONFIG.replace(worst_keypoint=0.004))
