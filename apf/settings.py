@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from apf.filters.method import Method
 from apf.initialisation.config import StartConfig
-from apf.initialisation.fit_config import JointFitConfig, KeypointStartConfig
 from apf.keypoints.config import AssociationConfig
 from apf.live.config import LiveConfig
 from apf.report.config import MotionConfig, QualityConfig
@@ -25,8 +24,6 @@ class Settings(of_psfs.Settings):
 
     method: Method = part(Method)
     start: StartConfig = part(StartConfig)
-    joint_start: JointFitConfig = part(JointFitConfig)
-    keypoint_start: KeypointStartConfig = part(KeypointStartConfig)
     recovery: RecoveryConfig = part(RecoveryConfig)
     smoothing: SmoothingConfig = part(SmoothingConfig)
     keypoints: KeypointSettings = part(KeypointSettings)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -140,34 +141,14 @@ def _cone_parts(body: BodyModel, meshes: list[tuple[np.ndarray, np.ndarray]]) ->
 
 def _frustum(cone: Cone, n: int) -> tuple[np.ndarray, np.ndarray]:
     """Return vertices (n, 3) m in the bone's frame and faces (T, 3) of a cone."""
-    square = n == 8
-    segments = 4 if square else (n - 2) // 2
-    angles = (np.arange(segments) + 0.5 * square) * 2 * np.pi / segments
+    if n > 8:
+        rings = [(cone.start, cone.radii[0]), (cone.end, cone.radii[1])]
+        return _revolve(cone, _circle((n - 2) // 2), rings, [cone.start, cone.end])
     # The square's corners are moved outwards so that it has the circle's area.
-    reach = np.sqrt(np.pi / 2) if square else 1.0
-    axis = (cone.end - cone.start) / np.linalg.norm(cone.end - cone.start)
-    across = np.cross(axis, cone.side)
-    ring = reach * (
-        np.cos(angles)[:, None] * cone.side * cone.scale[0]
-        + np.sin(angles)[:, None] * across * cone.scale[1]
-    )
-    points = [cone.start + cone.radii[0] * ring, cone.end + cone.radii[1] * ring]
-    here = np.arange(segments)
-    there = (here + 1) % segments
-    faces = [
-        np.stack([here, there, segments + there], -1),
-        np.stack([here, segments + there, segments + here], -1),
-    ]
-    if square:
-        faces.append(np.array([[0, 2, 1], [0, 3, 2], [4, 5, 6], [4, 6, 7]]))
-    else:
-        points += [cone.start[None], cone.end[None]]
-        first, last = np.full(segments, n - 2), np.full(segments, n - 1)
-        faces += [
-            np.stack([first, there, here], -1),
-            np.stack([last, segments + here, segments + there], -1),
-        ]
-    return np.concatenate(points), np.concatenate(faces)
+    reach = np.sqrt(np.pi / 2)
+    rings = [(cone.start, reach * cone.radii[0]), (cone.end, reach * cone.radii[1])]
+    points, faces = _revolve(cone, _circle(4) + np.pi / 4, rings, [])
+    return points, np.concatenate([faces, [[0, 2, 1], [0, 3, 2], [4, 5, 6], [4, 6, 7]]])
 
 
 def _capsule(cone: Cone, segments: int) -> tuple[np.ndarray, np.ndarray]:
@@ -176,31 +157,50 @@ def _capsule(cone: Cone, segments: int) -> tuple[np.ndarray, np.ndarray]:
     Rings from its start to its end, then the two poles.
     """
     axis = (cone.end - cone.start) / np.linalg.norm(cone.end - cone.start)
-    across = np.cross(axis, cone.side)
-    around = np.arange(segments) * 2 * np.pi / segments
-    ring = (
-        np.cos(around)[:, None] * cone.side * cone.scale[0]
-        + np.sin(around)[:, None] * across * cone.scale[1]
-    )
     slopes = np.radians([67.5, 45.0, 22.5, 0.0])
-    ends = [(cone.start, cone.radii[0], -slopes), (cone.end, cone.radii[1], slopes[::-1])]
     rings = [
-        centre + radius * (np.cos(slope) * ring + np.sin(slope) * axis)
-        for centre, radius, own in ends
+        (centre + radius * np.sin(slope) * axis, radius * np.cos(slope))
+        for centre, radius, own in (
+            (cone.start, cone.radii[0], -slopes),
+            (cone.end, cone.radii[1], slopes[::-1]),
+        )
         for slope in own
     ]
     poles = [cone.start - cone.radii[0] * axis, cone.end + cone.radii[1] * axis]
-    here = np.arange(segments)
-    there = (here + 1) % segments
-    faces = []
-    for low in range(0, segments * (len(rings) - 1), segments):
-        high = low + segments
+    return _revolve(cone, _circle(segments), rings, poles)
+
+
+def _circle(segments: int) -> np.ndarray:
+    """Return the angles (segments,) rad of evenly spaced points."""
+    return np.arange(segments) * 2 * np.pi / segments
+
+
+def _revolve(
+    cone: Cone,
+    angles: np.ndarray,
+    rings: Sequence[tuple[np.ndarray, float]],
+    poles: Sequence[np.ndarray],
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return vertices and faces of a surface about the axis of a cone: points at `angles` of
+    elliptic rings, centre (3,) and radius, then the two poles beyond the first and the last."""
+    axis = (cone.end - cone.start) / np.linalg.norm(cone.end - cone.start)
+    across = np.cross(axis, cone.side)
+    ring = (
+        np.cos(angles)[:, None] * cone.side * cone.scale[0]
+        + np.sin(angles)[:, None] * across * cone.scale[1]
+    )
+    points = [centre + radius * ring for centre, radius in rings]
+    here = np.arange(len(angles))
+    there, faces = (here + 1) % len(angles), list[np.ndarray]()
+    for low in range(0, len(angles) * (len(rings) - 1), len(angles)):
+        high = low + len(angles)
         faces.append(np.stack([low + here, low + there, high + there], -1))
         faces.append(np.stack([low + here, high + there, high + here], -1))
-    last, n = segments * (len(rings) - 1), segments * len(rings)
-    faces.append(np.stack([np.full(segments, n), there, here], -1))
-    faces.append(np.stack([np.full(segments, n + 1), last + here, last + there], -1))
-    return np.concatenate([*rings, *(pole[None] for pole in poles)]), np.concatenate(faces)
+    if poles:
+        last, n = len(angles) * (len(rings) - 1), len(angles) * len(rings)
+        faces.append(np.stack([np.full(len(angles), n), there, here], -1))
+        faces.append(np.stack([np.full(len(angles), n + 1), last + here, last + there], -1))
+    return np.concatenate([*points, *(pole[None] for pole in poles)]), np.concatenate(faces)
 
 
 def load_mesh(

@@ -18,8 +18,7 @@ from cl.workgroups import GROUP, row_group, size_defines
 class ImageObjective(Likelihood):
     """Objective that scores poses by the silhouettes and edges in the pictures.
 
-    mesh: mesh to draw, by default `config.mesh(body)`. rows: rows of a picture that a work-group
-    counts at a time on a GPU.
+    mesh: mesh to draw, by default `config.mesh(body)`.
     errors: (N,) float32, 1 - f with f in [0, 1] of Rymut 2016 eq. (4.46)-(4.50): 0 is a perfect
     match. Twin: reference/image_objective/objective.py.
     """
@@ -30,7 +29,6 @@ class ImageObjective(Likelihood):
         n_hypotheses: int,
         config: ObjectiveConfig | None = None,
         mesh: BodyMesh | None = None,
-        rows: int | None = None,
     ) -> None:
         device, body, rig = scene.opencl, scene.body, scene.rig
         self.device, self.rig = device, rig
@@ -43,7 +41,7 @@ class ImageObjective(Likelihood):
         self._areas = device.empty((len(rig),), np.int32, "the silhouettes' areas")
         self.errors = device.empty((n_hypotheses,), np.float32, "the errors")
         mesh = mesh or config.mesh(body)
-        self._renderer = make_renderer(scene, n_hypotheses, mesh, config.round_ends, rows)
+        self._renderer = make_renderer(scene, n_hypotheses, mesh, config.round_ends)
         self._observed: tuple[Array, ...] = ()
         self._preparation: list[Launch] = []
 

@@ -34,10 +34,8 @@ class Renderer:
     It draws the cones of the scene's body, or a mesh that moves with them. counts: device array
     (V, N, 4) int32, written by the launches of `launcher`: visible edge pixels, the sum of the edge
     proximity there, the model's pixels, and their overlap with the silhouette (Rymut 2016 eq.
-    4.36-4.40). rows: rows of a picture that a work-group counts at a time on a GPU.
+    4.36-4.40).
     """
-
-    rows: int = _ROWS
 
     def __init__(self, scene: Scene, n: int, n_parts: int) -> None:
         device, body, rig = scene.opencl, scene.body, scene.rig
@@ -62,7 +60,7 @@ class Renderer:
         the kernel writes the number of the visible part, from 1, and 255 on edges, and leaves all
         other pixels as they are.
         """
-        rows, pack = (self.rows, 1) if self.device.is_gpu else (1, _PACK)
+        rows, pack = (_ROWS, 1) if self.device.is_gpu else (1, _PACK)
         stage, shapes, defines = self._shapes()
         kernel = self.device.kernel(
             stage,
@@ -246,17 +244,14 @@ def make_renderer(
     n: int,
     mesh: BodyMesh | None = None,
     round_ends: bool = False,
-    rows: int | None = None,
 ) -> Renderer:
     """Return the renderer of `n` poses: of `mesh`, or of the body's cones if that is None.
 
-    rows: see `Renderer`. Raises InputError if the pictures are too wide.
+    Raises InputError if the pictures are too wide.
     """
     if scene.rig.width > _WIDEST:
         raise InputError(f"pictures {scene.rig.width} px wide; expected at most {_WIDEST}")
-    renderer = FlatRenderer(scene, n, round_ends) if mesh is None else MeshRenderer(scene, n, mesh)
-    renderer.rows = rows or _ROWS
-    return renderer
+    return FlatRenderer(scene, n, round_ends) if mesh is None else MeshRenderer(scene, n, mesh)
 
 
 def draw_hypotheses(

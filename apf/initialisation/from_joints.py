@@ -3,39 +3,38 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 
 import numpy as np
 
-from apf.body.jacobian import bone_point_jacobian
 from apf.body.kinematics import posed_joints
+from apf.body.limbs import limb_chains
 from apf.body.model import BodyModel
 from apf.body.schema import TALLEST
 from apf.formats.pose import FARTHEST
-from apf.initialisation.fit_config import JointFitConfig
+from apf.initialisation.body_fit import PRIOR, Fitted, PointEvidence, fit_body
+from apf.initialisation.shape_model import ShapeModel
 from cl import InputError
 from psfs.cameras.names import join_names
-from psfs.common.least_squares import Parameters, Residuals, Slope, prior, solve
 
-#: Step of the forward differences of the log of a scale: about the square root of float64's
-#: resolution.
-_STEP = 1e-7
-#: Least extent, m, of the joints of a person to start from.
-LEAST_EXTENT = 0.1
+#: Standard deviation, m, of a joint's position: small, so that the person's lengths are the joints'
+#: where these show them.
+_NOISE = 0.001
+#: Least number of known joints, or all joints of a body with fewer: enough for the root, and a
+#: joint in every limb. Least extent, m, of the joints of a person to start from.
+_LEAST_JOINTS, LEAST_EXTENT = 8, 0.1
 
 
 def fit_to_joints(
-    body: BodyModel, joints: Mapping[str, np.ndarray], config: JointFitConfig | None = None
+    body: BodyModel, joints: Mapping[str, np.ndarray]
 ) -> tuple[BodyModel, np.ndarray, float]:
     """Fit body and pose to `joints` (name -> (3,) m). Return the body with scaled bone lengths, its
     pose (D,) and the rms error, m.
 
-    Least squares over the pose and one scale per bone (shared by left and right), from the best of
-    four headings. Radii are scaled by the mean length. Raises InputError if fewer than 8 known
-    joints are given, or, for a body with fewer joints, not all of them.
+    Least squares over the pose, the size and one scale per bone (shared by left and right). Radii
+    are scaled by the size. Raises InputError if fewer than 8 known joints are given, or, for a body
+    with fewer joints, not all of them.
     """
-    config = config or JointFitConfig()
-    names = _select_given_joints(body, joints, config)
+    names = _select_given_joints(body, joints)
     target = np.stack([joints[name] for name in names])
     extent = float(np.ptp(target, axis=0).max())
     if not LEAST_EXTENT <= extent <= TALLEST or np.abs(target).max() > FARTHEST:
@@ -43,85 +42,28 @@ def fit_to_joints(
             f"the joints to start from span {extent:.3g} m, {np.abs(target).max():.3g} m from the "
             f"origin; expected a person in metres, {LEAST_EXTENT:g} to {TALLEST:g} m"
         )
-    fit = _JointFit(body, [body.joint_names.index(name) for name in names], target, config)
-    scales, pose = fit.solve()
-    scaled = body.scaled(scales)
-    offset = posed_joints(scaled, pose[None])[0, fit.chosen] - target
-    error = float(np.sqrt(np.mean(np.sum(offset**2, -1))))
-    girth = float(np.mean(list(scales.values())))
-    return body.scaled(scales, radii=girth), pose, error
+    chosen = [body.joints[body.joint_names.index(name)] for name in names]
+    evidence = PointEvidence(
+        bone=np.array([joint.bone for joint in chosen]),
+        position=np.stack([joint.position for joint in chosen]),
+        partner=np.arange(len(chosen)),
+        spreads=np.full(len(chosen), 1e-6),  # joints are where the body has them
+        places=target[None],
+        noise=_NOISE,
+        robust=False,
+    )
+    model = ShapeModel(body, PRIOR)
+    start = stand_at_points(model, evidence, scaled=True)
+    found = fit_body(model, evidence, start, free=model.moves_points, steps=100)
+    fitted = model.body(found.shape)
+    offset = posed_joints(fitted, found.poses)[0, [body.joint_names.index(n) for n in names]]
+    error = float(np.sqrt(np.mean(np.sum((offset - target) ** 2, -1))))
+    return fitted, found.poses[0], error
 
 
-class _JointFit:
-    """The least-squares problem of `fit_to_joints`: a pose, and the log of a scale for each group
-    of bones. chosen: indices of the joints at `target` (J, 3) m."""
-
-    def __init__(
-        self, body: BodyModel, chosen: list[int], target: np.ndarray, config: JointFitConfig
-    ) -> None:
-        self.body, self.chosen, self.target, self.config = body, chosen, target, config
-        self._bones = replace(body, cones=())  # joints do not depend on the cones
-        self._on = np.array([body.joints[index].bone for index in chosen])
-        self._spread = np.full(body.n_dof, np.inf)
-        self._spread[body.angles] = config.angle
-
-    def scales(self, sizes: np.ndarray) -> dict[str, float]:
-        """Return the scale of each group, of their logs (G,)."""
-        return dict(zip(self.body.scale_groups, np.exp(sizes), strict=True))
-
-    def joints(self, sizes: np.ndarray, pose: np.ndarray) -> np.ndarray:
-        """Return the chosen joints (J, 3) m of a pose (D,)."""
-        scaled = self._bones.scaled(self.scales(sizes))
-        return posed_joints(scaled, pose[None])[0, self.chosen]
-
-    def solve(self) -> tuple[dict[str, float], np.ndarray]:
-        """Return the scales and the pose (D,) that fit best over several initial headings."""
-        body, config = self.body, self.config
-        free = np.clip(body.rest_pose, body.lower, body.upper)
-        angles = [k * 2 * np.pi / config.n_headings for k in range(config.n_headings)]
-        starts = [
-            {
-                "pose": _place_root(body, free, self.target.mean(0), angle)[None],
-                "sizes": np.zeros((1, len(body.scale_groups))),
-            }
-            for angle in angles
-        ]
-        tried = [
-            solve(self._evaluate, at, steps=config.n_trial, update=self._move) for at in starts
-        ]
-        best = min(tried, key=lambda solution: solution.cost).parameters
-        found = solve(self._evaluate, best, update=self._move).parameters
-        return self.scales(found["sizes"][0]), found["pose"][0]
-
-    def _evaluate(self, at: Parameters) -> list[Residuals]:
-        config, first = self.config, np.zeros(len(self.chosen), int)
-        sizes, pose = at["sizes"][0], at["pose"][0]
-        joints = self.joints(sizes, pose)
-        scaled = self._bones.scaled(self.scales(sizes))
-        by_pose = bone_point_jacobian(scaled, pose[None], self._on, joints[None])[0]
-        moved = [self.joints(sizes + step, pose) for step in _STEP * np.eye(len(sizes))]
-        by_size = (np.stack(moved, -1) - joints[..., None]) / _STEP
-        slopes = [Slope("pose", first, by_pose.swapaxes(1, 2)), Slope("sizes", first, by_size)]
-        return [
-            Residuals(joints - self.target, slopes, sigma=config.joint, robust=False),
-            prior("sizes", at["sizes"], config.scale),
-            prior("pose", at["pose"], self._spread, self.body.rest_pose),
-        ]
-
-    def _move(self, at: Parameters, step: Parameters) -> Parameters:
-        """Return the parameters after a step, within the limits of the body and of its scales."""
-        most = self.config.max_log_scale
-        return {
-            "pose": np.clip(at["pose"] + step["pose"], self.body.lower, self.body.upper),
-            "sizes": np.clip(at["sizes"] + step["sizes"], -most, most),
-        }
-
-
-def _select_given_joints(
-    body: BodyModel, joints: Mapping[str, np.ndarray], config: JointFitConfig
-) -> list[str]:
+def _select_given_joints(body: BodyModel, joints: Mapping[str, np.ndarray]) -> list[str]:
     """Return the body's joints that are given. Raises InputError if there are too few."""
-    least = min(config.min_joints, len(body.joints))
+    least = min(_LEAST_JOINTS, len(body.joints))
     names = [n for n in body.joint_names if n in joints and np.isfinite(joints[n]).all()]
     if len(names) < least:
         raise InputError(
@@ -131,17 +73,55 @@ def _select_given_joints(
     return names
 
 
-def _place_root(
-    body: BodyModel, pose: np.ndarray, centre: np.ndarray, heading: float
-) -> np.ndarray:
-    """Return `pose`, moved so that the mean of its joints is `centre`, and turned by `heading`
-    about z."""
-    pose = pose.copy()
+def stand_at_points(model: ShapeModel, evidence: PointEvidence, scaled: bool) -> Fitted:
+    """Return the fit to begin with: rest poses, turned and moved to the places of the points of the
+    trunk. A frame with too few of them gets the pose of an earlier one. scaled: whether to estimate
+    the size, the median over pairs of neighbouring points of the ratio of their distances."""
+    body, n_offsets = model.template, len(evidence.spread)
+    rest = np.clip(body.rest_pose, body.lower, body.upper)
+    fit = Fitted(np.zeros(len(model.deviation)), rest[None], np.zeros((n_offsets, 3)))
+    if scaled:
+        fit.shape[0] = _measure_size(body, evidence, evidence.locate(model, fit)[0])
+    at_rest = evidence.locate(model, fit)[0]
+    swinging = [bone for chain in limb_chains(body) for bone in chain[-2:]]
+    trunk = ~np.isin(evidence.bone, swinging)
     root = {axis.kind: axis for axis in body.bones[0].axes}
-    if "rz" in root:
-        pose[root["rz"].dof] += heading
-    offset = centre - posed_joints(body, pose[None])[0].mean(0)
-    for kind, value in zip(("tx", "ty", "tz"), offset, strict=True):
-        if kind in root:
-            pose[root[kind].dof] += root[kind].sign * value
-    return pose
+    poses = np.tile(rest, (len(evidence.places), 1))
+    for frame, places in enumerate(evidence.places):
+        known = trunk & np.isfinite(places).all(1)
+        if known.sum() < 3:
+            poses[frame:] = poses[max(0, frame - 1)]
+            continue
+        poses[frame] = rest
+        if "rz" in root:
+            turn = _measure_heading(at_rest[known], places[known])
+            poses[frame, root["rz"].dof] += root["rz"].sign * turn
+        here = evidence.locate(model, Fitted(fit.shape, poses[frame][None], fit.offsets))[0]
+        move = (places - here)[known].mean(0)
+        for kind, value in zip(("tx", "ty", "tz"), move, strict=True):
+            if kind in root:
+                poses[frame, root[kind].dof] += root[kind].sign * value
+    return Fitted(fit.shape, poses, fit.offsets)
+
+
+def _measure_size(body: BodyModel, evidence: PointEvidence, rest: np.ndarray) -> float:
+    """Return the log of the person's size. Points on the trunk and along limbs are compared, whose
+    distances posture changes little; `rest`: (P, 3) m of the template."""
+    parent = [body.bones[bone].parent for bone in evidence.bone]
+    logs = []
+    for b, bone in enumerate(evidence.bone):
+        for a, other in enumerate(evidence.bone[:b]):
+            beside = bone == parent[a] or other == parent[b] or parent[a] == parent[b]
+            apart = np.linalg.norm(rest[a] - rest[b])
+            if bone == other or not beside or apart < LEAST_EXTENT:
+                continue
+            found = np.linalg.norm(evidence.places[:, a] - evidence.places[:, b], axis=-1)
+            if np.isfinite(found).any():
+                logs.append(np.log(np.nanmedian(found) / apart))
+    return float(np.median(logs)) if logs else 0.0
+
+
+def _measure_heading(points: np.ndarray, turned: np.ndarray) -> float:
+    """Return the angle, rad, of the rotation about z that best maps points (K, 3) to `turned`."""
+    a, b = (p[:, :2] - p[:, :2].mean(0) for p in (points, turned))
+    return float(np.arctan2(np.sum(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]), np.sum(a * b)))

@@ -5,11 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 
 from apf.body.model import BodyModel
-from apf.body.stature import stature
-from apf.initialisation.fit_config import KeypointStartConfig
-from apf.initialisation.point_fit import PointFit, PointFitter, PointViews
+from apf.initialisation.body_fit import PRIOR, Fitted, PointEvidence, fit_body
+from apf.initialisation.from_joints import stand_at_points
+from apf.initialisation.shape_model import ShapeModel
 from apf.initialisation.start import StartError
 from apf.keypoints.keypoints import Keypoints
 from apf.keypoints.landmarks import BodyPoints, locate_points
@@ -18,8 +19,16 @@ from psfs.cameras.camera import CameraRig
 from psfs.cameras.triangulation import TriangulationConfig, triangulate
 from psfs.common.numbers import pick_evenly
 
-#: Median length of a 2-D vector with independent standard normal coordinates (Rayleigh).
-_RAYLEIGH = 1.1774
+#: Frames to which body and points are fitted, evenly spread, and points that each must show.
+_FRAMES, _LEAST_POINTS = 40, 6
+#: Initial and least error of a keypoint, as shares of the pictures' height: 8 and 1 px of 480.
+_ERROR, _LEAST_ERROR = 1 / 60, 1 / 480
+#: Reprojection error, in initial errors, from which on a camera is excluded from a point.
+_OUTLIER = 2.5
+#: Levels of confidence for which the error is estimated, each with as many keypoints.
+_LEVELS = 5
+#: Steps from the rest pose to the triangulated points.
+_STEPS = 40
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +66,6 @@ def start_from_keypoints(
     *,
     height: float | None = None,
     keep_shape: bool = False,
-    config: KeypointStartConfig | None = None,
 ) -> KeypointStart:
     """Fit a person's body, poses and points on it to the `keypoints` of `frames`.
 
@@ -65,70 +73,74 @@ def start_from_keypoints(
     keep_shape: the template is the person's own body. Raises StartError if too few points can be
     triangulated.
     """
-    config = config or KeypointStartConfig()
     keypoints = keypoints.undistort(rig)
     points = locate_points(template, keypoints.names)
     seen = keypoints.points[:, frames][:, :, points.columns].astype(np.float64)
-    pixel = rig.height / 480
-    found = triangulate(rig, seen, TriangulationConfig(max_error=config.outlier * pixel)).points
-    enough = np.flatnonzero(np.isfinite(found).all(-1).sum(1) >= config.least_points)
+    error = _ERROR * rig.height
+    places = _triangulate(rig, seen)
+    enough = np.flatnonzero(np.isfinite(places).all(-1).sum(1) >= _LEAST_POINTS)
     if not enough.size:
         raise StartError(
-            f"no frame has {config.least_points} keypoints that two cameras see at one place; "
+            f"no frame has {_LEAST_POINTS} keypoints that two cameras see at one place; "
             "expected a person there, and the cameras' calibration to be that of the keypoints"
         )
-    chosen = enough[pick_evenly(len(enough), config.n_frames)]
-    seen, found = seen[:, chosen], found[chosen]
-    seen = correct_swapped_sides(rig, seen, found, points, config.outlier * pixel)
-    views = _make_views(seen, found, points, config.error * pixel)
-    fitter = PointFitter(template, rig, views, config.fit, keep_shape)
-    fit = fitter.refine(fitter.start_fit())
-    views, model = _calibrate_errors(fitter, fit, seen, points, config, pixel)
-    fitter = PointFitter(template, rig, views, config.fit, keep_shape)
-    fit = fitter.refine(fitter.refit_suspect_frames(fit))
-    if height is not None and not keep_shape:
-        fit, fitter = _scale_to_height(fitter, fit, height, rig)
-    views, model = _calibrate_errors(fitter, fit, seen, points, config, pixel)
-    body = fitter.body(fit.log_lengths)
+    chosen = enough[pick_evenly(len(enough), _FRAMES)]
+    seen, places = seen[:, chosen], places[chosen]
+    seen = correct_swapped_sides(rig, seen, places, points, _OUTLIER * error)
+    known = np.isfinite(seen).all(-1) & (np.nan_to_num(seen[..., 2]) > 0)
+    confidence = np.nan_to_num(seen[..., 2])
+    # without an error model, a low confidence counts as a large error
+    first = error / np.sqrt(np.maximum(confidence, 1e-3))
+    evidence = PointEvidence(
+        points.bones, points.offsets, points.partners, points.spreads, places, rig=rig,
+        errors=np.where(known, first, np.inf),
+    )  # fmt: skip
+    model = ShapeModel(template, PRIOR)
+    free = model.moves_points & (not keep_shape)
+    fit = stand_at_points(model, evidence, scaled=not keep_shape)
+    fit = fit_body(model, evidence, fit, free=free & False, steps=_STEPS)
+    evidence = replace(evidence, pixels=np.nan_to_num(seen[..., :2]))
+    height = None if keep_shape else height
+    for _ in range(2):  # the second time with the errors that the first fit shows
+        fit = fit_body(model, evidence, fit, free=free, height=height)
+        keypoint_model = _calibrate_errors(model, evidence, fit, confidence, points)
+        errors = np.where(known, keypoint_model.scale(confidence), np.inf)
+        evidence = replace(evidence, errors=errors)
     return KeypointStart(
-        body, np.array(frames)[chosen], fit.poses, _choose_anchor(fitter, fit), model, keypoints
-    )
+        model.body(fit.shape), np.array(frames)[chosen], fit.poses,
+        _choose_anchor(model, evidence, fit), keypoint_model, keypoints,
+    )  # fmt: skip
 
 
 def fit_pose_to_points(
-    body: BodyModel,
-    rig: CameraRig,
-    observations: PointObservations,
-    config: KeypointStartConfig | None = None,
+    body: BodyModel, rig: CameraRig, observations: PointObservations
 ) -> np.ndarray | None:
     """Return the pose (D,) of `body` that best fits the points observed in one frame, without an
     initial pose; None if too few can be triangulated."""
-    config = config or KeypointStartConfig()
-    n_points, own = len(observations.bone), np.arange(len(observations.bone))
+    n_points = len(observations.bone)
     seen = np.full((len(rig), 1, n_points, 3), np.nan)
-    inverse = np.zeros(seen.shape[:3])
+    errors = np.full(seen.shape[:3], np.inf)
     where = observations.camera, 0, observations.point
     seen[where] = np.column_stack([observations.pixel, np.ones(len(observations))])
-    inverse[where] = observations.inverse_scale
-    partner = own.copy()
-    partner[observations.point] = np.where(
-        observations.partner >= 0, observations.partner, observations.point
-    )
-    outlier = config.outlier * rig.height / 480
-    found = triangulate(rig, seen, TriangulationConfig(max_error=outlier)).points
-    if np.isfinite(found).all(-1).sum() < config.least_points:
+    errors[where] = 1 / np.maximum(observations.inverse_scale, 1e-9)
+    places = _triangulate(rig, seen)
+    if np.isfinite(places).all(-1).sum() < _LEAST_POINTS:
         return None
-    views = PointViews(
-        observations.bone, observations.position, np.full(n_points, 1e-3), partner,
-        np.nan_to_num(seen[..., :2]), inverse, found,
+    model, held = ShapeModel(body, PRIOR), np.arange(n_points)
+    evidence = PointEvidence(
+        observations.bone, observations.position, held, np.full(n_points, 1e-3), places, rig=rig,
+        errors=errors,
     )  # fmt: skip
-    fitter = PointFitter(body, rig, views, config.fit, keep_shape=True)
-    near = fitter.start_fit()
-    tried = [
-        fitter.refine(fitter.fit_to_triangulated(replace(near, poses=poses)), poses_alone=True)
-        for poses in (near.poses, fitter.turn_around(near.poses))
-    ]
-    return min(tried, key=lambda fit: float(fitter.missed_share(fit)[0])).poses[0]
+    fit, free = stand_at_points(model, evidence, scaled=False), np.zeros(len(model.deviation), bool)
+    fit = fit_body(model, evidence, fit, free=free, steps=_STEPS)
+    evidence = replace(evidence, pixels=np.nan_to_num(seen[..., :2]))
+    return fit_body(model, evidence, fit, free=free).poses[0]
+
+
+def _triangulate(rig: CameraRig, seen: np.ndarray) -> np.ndarray:
+    """Return the places (M, P, 3) m of keypoints (V, M, P, 3)."""
+    farthest = _OUTLIER * _ERROR * rig.height
+    return triangulate(rig, seen, TriangulationConfig(max_error=farthest)).points
 
 
 def correct_swapped_sides(
@@ -153,81 +165,48 @@ def correct_swapped_sides(
     return np.where(swapped, seen[:, :, other], seen)
 
 
-def _choose_anchor(fitter: PointFitter, fit: PointFit) -> int:
-    """Return the first frame with at least three quarters of the usual number of keypoints and
-    about the usual error."""
-    missed, seen = fitter.missed_share(fit), (fitter.views.inverse_scale > 0).sum((0, 2))
-    sound = missed <= fitter.config.suspect * np.median(missed)
-    sound &= seen >= 0.75 * np.median(seen)
+def _choose_anchor(model: ShapeModel, evidence: PointEvidence, fit: Fitted) -> int:
+    """Return the first frame with at least three quarters of the usual number of keypoints whose
+    pose misses no more of them than usual."""
+    lengths, missed = evidence.missed_shares(model, fit)
+    count = np.isfinite(lengths).sum((0, 2))
+    sound = (count >= 0.75 * np.median(count)) & (missed <= np.median(missed))
     return int(np.argmax(sound)) if sound.any() else int(np.argmin(missed))
 
 
-def _make_views(
-    seen: np.ndarray, found: np.ndarray, points: BodyPoints, error: float | np.ndarray
-) -> PointViews:
-    known = np.isfinite(seen).all(-1) & (np.nan_to_num(seen[..., 2]) > 0)
-    if np.ndim(error) == 0:  # without an error model, a low confidence counts as a large error
-        error = error / np.sqrt(np.maximum(np.nan_to_num(seen[..., 2]), 1e-3))
-    return PointViews(
-        bone=points.bones,
-        position=points.offsets,
-        spread=points.spreads,
-        partner=points.partners,
-        pixels=np.nan_to_num(seen[..., :2]),
-        inverse_scale=np.where(known, 1 / np.asarray(error), 0.0),
-        triangulated=found,
-    )
-
-
 def _calibrate_errors(
-    fitter: PointFitter,
-    fit: PointFit,
-    seen: np.ndarray,
+    model: ShapeModel,
+    evidence: PointEvidence,
+    fit: Fitted,
+    confidence: np.ndarray,
     points: BodyPoints,
-    config: KeypointStartConfig,
-    pixel: float,
-) -> tuple[PointViews, KeypointModel]:
-    """Return the views with errors by confidence and point that are estimated from the residuals of
-    a fit, and the model with them."""
-    views = fitter.views
-    off = np.linalg.norm(fitter.residuals(fit), axis=-1) / _RAYLEIGH
+) -> KeypointModel:
+    """Return the model of the keypoints whose errors by confidence (V, M, P) and point are those
+    of a fit."""
+    off, _ = evidence.missed_shares(model, fit)
+    off /= np.sqrt(scipy.special.chdtri(2, 0.5))  # the median length for errors of 1
+    known = np.isfinite(off)
     # The fit uses up three coordinates of each point.
-    n_views = np.maximum((views.inverse_scale > 0).sum(0), 2)
+    n_views = np.maximum(known.sum(0), 2)
     off *= np.sqrt(2 * n_views / np.maximum(2 * n_views - 3, 1))
-    known = views.inverse_scale > 0
-    confidence, of = seen[..., 2][known], off[known]
-    order = np.argsort(confidence)
-    parts = np.array_split(order, min(config.n_levels, len(order)))
-    levels = np.array([np.median(confidence[part]) for part in parts])
-    errors = np.array([np.median(of[part]) for part in parts])
+    order = np.argsort(confidence[known])
+    parts = np.array_split(order, min(_LEVELS, len(order)))
+    levels = np.array([np.median(confidence[known][part]) for part in parts])
+    errors = np.array([np.median(off[known][part]) for part in parts])
     # the error must not rise with the confidence
     errors = np.maximum.accumulate(errors[::-1])[::-1]
-    errors = np.maximum(errors, config.least_error * pixel)
-    ratio = np.where(known, off / np.interp(np.nan_to_num(seen[..., 2]), levels, errors), np.nan)
-    with np.errstate(invalid="ignore"):
-        factor = np.array([
-            np.median(one[np.isfinite(one)]) if np.isfinite(one).any() else 1.0
-            for one in np.moveaxis(ratio, -1, 0)
-        ])  # fmt: skip
-    own = np.arange(len(points))
-    model = KeypointModel(
+    errors = np.maximum(errors, _LEAST_ERROR * evidence.rig.height if evidence.rig else 0.0)
+    ratio = off / np.interp(confidence, levels, errors)
+    factor = np.array([np.median(of[k]) if k.any() else 1.0
+                       for of, k in zip(np.moveaxis(ratio, -1, 0), np.moveaxis(known, -1, 0),
+                                        strict=True)])  # fmt: skip
+    return KeypointModel(
         columns=points.columns,
         bone=points.bones,
-        position=fitter.positions(fit.log_lengths, fit.offset),
-        partner=np.where(points.partners == own, -1, points.partners),
+        position=evidence.positions(model, fit),
+        partner=np.where(points.partners == np.arange(len(points)), -1, points.partners),
         confidence=levels,
         error=errors,
         factor=np.clip(factor, 0.3, 4.0),
         usual=float(np.median(known.sum((0, 2)))),
     )
-    scale = model.scale(np.nan_to_num(seen[..., 2]))
-    return replace(views, inverse_scale=np.where(known, 1 / scale, 0.0)), model
-
-
-def _scale_to_height(
-    fitter: PointFitter, fit: PointFit, height: float, rig: CameraRig
-) -> tuple[PointFit, PointFitter]:
-    """Return the fit with the body scaled to a known stature, and the rest fitted to that body."""
-    factor = np.log(height / stature(fitter.body(fit.log_lengths)))
-    fitter = PointFitter(fitter.template, rig, fitter.views, fitter.config, keep_shape=True)
-    return fitter.refine(replace(fit, log_lengths=fit.log_lengths + factor)), fitter

@@ -15,7 +15,8 @@ from psfs.common.cones import dot
 class ShapeModel:
     """The logs of scales (S,) of a body: size, girth, lengths per group, radii per group of cones.
 
-    `deviation`: (S,) standard deviation of the prior around 0.
+    `deviation`: (S,) standard deviation of the prior around 0. `moves_points`: (S,) bool, the
+    scales that move joints and other points of the body; the others are of its thickness.
     """
 
     def __init__(self, template: BodyModel, prior: ShapePrior | None = None) -> None:
@@ -29,6 +30,9 @@ class ShapeModel:
                 np.full(len(self.lengths), prior.length),
                 np.full(len(self.radii), prior.radius),
             ]
+        )
+        self.moves_points = np.repeat(
+            [True, False, True, False], [1, 1, len(self.lengths), len(self.radii)]
         )
         bones = np.array([sideless(bone.name) for bone in template.bones])
         cones = np.array([sideless(cone.name) for cone in template.cones])

@@ -182,8 +182,8 @@ class CorrectPanel:
         """Add corrections of joints, by name, in place of earlier ones of the same frame."""
         assert self.corrections is not None
         new = {(point.frame, point.joint) for point in joints.values()}
-        kept = [p for p in self.corrections.points if (p.frame, p.joint) not in new]
-        self.corrections = replace(self.corrections, points=(*kept, *joints.values()))
+        kept = [p for p in self.corrections.point if (p.frame, p.joint) not in new]
+        self.corrections = replace(self.corrections, point=(*kept, *joints.values()))
         self._tell()
 
     def mark_bad(self) -> None:
@@ -200,7 +200,7 @@ class CorrectPanel:
             if self.corrections.bad:
                 self.corrections = replace(self.corrections, bad=self.corrections.bad[:-1])
             else:
-                self.corrections = replace(self.corrections, points=self.corrections.points[:-1])
+                self.corrections = replace(self.corrections, point=self.corrections.point[:-1])
             self._tell()
 
     def write(self) -> Path:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 from pydantic import ConfigDict, Field
@@ -16,44 +16,51 @@ from apf.likelihood.observations import PointObservations
 from apf.tracking.track import Track, spans
 from cl import InputError
 from psfs.cameras.camera import CameraRig
-from psfs.common.schema import Name, PathText, Table, Vector, parse_values
+from psfs.common.ranges import LARGEST
+from psfs.common.schema import Name, PathText, parse_values
 from psfs.common.toml import read_toml, write_toml
 from psfs.voxels.grid import VoxelGrid
 
 #: The defaults of a file of corrections: time before and after a corrected frame, s, that is
 #: tracked again; error, m, of a joint placed by hand, as between two people who mark it.
 REACH, ERROR = 0.4, 0.02
-_Frame = Annotated[int, Field(ge=0, le=2**40)]
+_Frame = Annotated[int, Field(ge=0, le=2**40, strict=True)]
+_Number = Annotated[float, Field(ge=-LARGEST, le=LARGEST, strict=True)]
 
 
 @dataclass(frozen=True)
 class Correction:
     """A joint's right place in one frame: position (3,) m, error m."""
 
-    frame: int
-    joint: str
-    position: tuple[float, float, float]
-    error: float = ERROR
+    __pydantic_config__ = ConfigDict(extra="forbid", allow_inf_nan=False)
+
+    frame: _Frame
+    joint: Name
+    position: tuple[_Number, _Number, _Number]
+    error: Annotated[float, Field(ge=0.001, le=1.0, strict=True)] = ERROR
 
 
 @dataclass(frozen=True)
 class Corrections:
-    """Corrections of a track. track: its folder. bad: (first, last) numbers of frames in which the
-    person counts as lost. reach: s before and after each corrected frame that are tracked again."""
+    """Corrections of a track. track: its folder. point: joints' right places. bad: (first, last)
+    numbers of frames in which the person counts as lost. reach: s before and after each corrected
+    frame that are tracked again."""
 
-    track: Path
-    points: tuple[Correction, ...] = ()
-    bad: tuple[tuple[int, int], ...] = ()
-    reach: float = REACH
+    __pydantic_config__ = ConfigDict(extra="forbid", allow_inf_nan=False)
+
+    track: PathText
+    point: tuple[Correction, ...] = ()
+    bad: tuple[tuple[_Frame, _Frame], ...] = ()
+    reach: Annotated[float, Field(ge=0.0, le=60.0, strict=True)] = REACH
 
     def check(self, track: Track) -> None:
         """Raise InputError unless all frames and joints are those of `track`."""
         known = set(track.frames.tolist())
-        marked = [(point.frame, point.joint) for point in self.points]
+        marked = [(point.frame, point.joint) for point in self.point]
         for frame, joint in dict.fromkeys(marked):
             if marked.count((frame, joint)) > 1:
                 raise InputError(f"{joint} is corrected twice in frame {frame}; expected once")
-        for point in self.points:
+        for point in self.point:
             if point.joint not in track.joint_names:
                 raise InputError(
                     f"no joint {point.joint!r}; expected one of {', '.join(track.joint_names)}"
@@ -69,7 +76,7 @@ class Corrections:
 
     def check_places(self, grid: VoxelGrid) -> None:
         """Raise InputError if a joint is put farther than 1 m outside of the volume."""
-        for point in self.points:
+        for point in self.point:
             place = np.array(point.position)
             if np.any(place < grid.origin - 1.0) or np.any(place > grid.high + 1.0):
                 raise InputError(
@@ -82,7 +89,7 @@ class Corrections:
     def by_frame(self) -> dict[int, dict[str, Correction]]:
         """The corrected joints of each corrected frame, by name, frames ascending."""
         found: dict[int, dict[str, Correction]] = {}
-        for point in sorted(self.points, key=lambda point: point.frame):
+        for point in sorted(self.point, key=lambda point: point.frame):
             found.setdefault(point.frame, {})[point.joint] = point
         return found
 
@@ -103,61 +110,15 @@ def list_corrections(track: Track) -> list[str]:
     return [str(line) for line in json.loads(track.provenance).get("corrections", [])]
 
 
-class _Point(Table):
-    model_config = ConfigDict(extra="forbid")
-
-    frame: _Frame
-    joint: Name
-    position: Vector
-    error: Annotated[float, Field(ge=0.001, le=1.0)] = ERROR
-
-
-class _File(Table):
-    model_config = ConfigDict(extra="forbid")
-
-    track: PathText
-    reach: Annotated[float, Field(ge=0.0, le=60.0)] = REACH
-    bad: tuple[tuple[_Frame, _Frame], ...] = ()
-    point: tuple[_Point, ...] = ()
-
-
 def read_corrections(path: Path) -> Corrections:
     """Read a file of `write_corrections`. Raises InputError, or MissingFileError."""
-    table = read_toml(path)
-    table = {k: _tuples(v) if k in ("bad", "point") else v for k, v in table.items()}
-    found = parse_values(_File, table, path)
-    points = tuple(
-        Correction(point.frame, point.joint, (x, y, z), point.error)
-        for point in found.point
-        for x, y, z in [point.position]
-    )
-    return Corrections(path.parent / found.track, points, found.bad, found.reach)
-
-
-def _tuples(values: object) -> Any:
-    """Return lists of lists as tuples, which a frozen table holds."""
-    if not isinstance(values, list):
-        return values
-    return tuple(tuple(v) if isinstance(v, list) else v for v in values)
+    found = parse_values(Corrections, read_toml(path), path)
+    return replace(found, track=path.parent / found.track)
 
 
 def write_corrections(path: Path, corrections: Corrections) -> None:
     """Write corrections as TOML; the track's folder as it is."""
-    table: dict[str, object] = {
-        "track": str(corrections.track),
-        "reach": corrections.reach,
-        "bad": [list(ends) for ends in corrections.bad],
-        "point": [
-            {
-                "frame": point.frame,
-                "joint": point.joint,
-                "position": [round(float(x), 5) for x in point.position],
-                "error": point.error,
-            }
-            for point in corrections.points
-        ],
-    }
-    write_toml(path, table)
+    write_toml(path, asdict(replace(corrections, track=str(corrections.track))))
 
 
 def observe_corrections(

@@ -10,13 +10,11 @@ from __future__ import annotations
 import numpy as np
 
 from apf.body.kinematics import posed_joints
+from apf.body.limbs import limb_joints, limb_masks, solve_inverse_kinematics
 from apf.body.model import BodyModel
 from apf.body.stature import ANKLES
 from psfs.common.numbers import find_true_runs
 
-#: Number of Gauss-Newton steps; longest step, rad or m, because a straight knee hardly changes the
-#: leg's length; step of the numerical derivatives, rad or m.
-_STEPS, _LONGEST, _DELTA = 12, 0.1, 1e-4
 #: Speed along the floor, m/s, and height, m, above the usual level of the lower foot's ankle below
 #: which a foot may begin to stand, and above which it no longer does, because its heel is off the
 #: floor: true feet stand below 0.3 m/s and swing at up to 4.
@@ -30,8 +28,8 @@ _FADE = 0.12
 _LONGEST_SLIDE = 0.12
 #: Height, m, above the lowest one of the stance below which the heel is on the floor, too.
 _FLAT_HEIGHT = 0.025
-#: Tolerance, m, within which a foot is held along the floor (x, y) and in height (z).
-_TOLERANCE = np.array([5e-4, 5e-4, 5e-3])
+#: Distance, m, of an ankle from its place from which on the leg is moved.
+_NEAR = 5e-4
 
 
 def find_ankles(body: BodyModel) -> list[int]:
@@ -112,8 +110,12 @@ def hold_feet(
     moved = np.abs(offsets).max((1, 2)) > 0
     if not moved.any():  # a foot that stands in a single frame
         return poses
+    joints = np.isin(np.arange(len(body.joints)), ankles)
+    legs: np.ndarray = np.any(limb_masks(body)[limb_joints(body)[:, ankles].any(1)], axis=0)
+    places = posed_joints(body, poses[moved])
+    places[:, ankles] = targets[moved]
     out = poses.copy()
-    out[moved] = _solve_legs(body, poses[moved], ankles, targets[moved])
+    out[moved] = solve_inverse_kinematics(body, poses[moved], legs, joints, places, near=_NEAR)
     return out
 
 
@@ -136,54 +138,3 @@ def _find_corrections(ankles: np.ndarray, times: np.ndarray, stands: np.ndarray)
                     smooth = share * share * (3 - 2 * share)
                     offsets[frame, foot] += smooth * offsets[edge, foot]
     return offsets
-
-
-def _solve_legs(
-    body: BodyModel, poses: np.ndarray, ankles: list[int], targets: np.ndarray
-) -> np.ndarray:
-    """Return poses (F, D) whose ankles are at `targets` (F, K, 3) m.
-
-    Solves by regularised Gauss-Newton over the legs' angles and, with a stronger penalty, the root.
-    """
-    dofs, freedom = _leg_dofs(body, ankles)
-    lower, upper = body.lower[dofs], body.upper[dofs]
-    steps = np.zeros((len(dofs), body.n_dof))
-    steps[np.arange(len(dofs)), dofs] = _DELTA
-    found, n = poses.copy(), len(poses)
-    for _ in range(_STEPS):
-        here = posed_joints(body, found)[:, ankles]
-        moved = [posed_joints(body, found + step)[:, ankles] - here for step in steps]
-        slopes = np.stack(moved, -1) / _DELTA / _TOLERANCE[:, None] * freedom
-        missing = (targets - here) / _TOLERANCE
-        rows, missing = slopes.reshape(n, -1, len(dofs)), missing.reshape(n, -1)
-        away = (poses - found)[:, dofs] / freedom
-        ahead = found[:, dofs] + freedom * _least_change(rows, missing, away)
-        # An unknown that would leave its limits keeps its value; the others are solved without it.
-        inside = (ahead > lower) & (ahead < upper)
-        change = freedom * inside * _least_change(rows * inside[:, None], missing, away * inside)
-        found[:, dofs] += np.clip(change, -_LONGEST, _LONGEST)
-        found[:, dofs] = np.clip(found[:, dofs], lower, upper)
-    return found
-
-
-def _least_change(rows: np.ndarray, missing: np.ndarray, away: np.ndarray) -> np.ndarray:
-    """Return x (F, N) that minimises |rows x - missing|^2 + |x - away|^2, rows (F, M, N)."""
-    turned = rows.transpose(0, 2, 1)
-    normal = turned @ rows + np.eye(rows.shape[-1])
-    return np.linalg.solve(normal, turned @ missing[:, :, None] + away[:, :, None])[:, :, 0]
-
-
-def _leg_dofs(body: BodyModel, ankles: list[int]) -> tuple[np.ndarray, np.ndarray]:
-    """Return the degrees of freedom (N,) that move the ankles, and how far each may change, rad or
-    m: in proportion to the body's sigmas, the root ten times less."""
-    freedom: dict[int, float] = {}
-    for ankle in ankles:
-        bone = body.joints[ankle].bone
-        while bone >= 0:
-            parent = body.bones[bone].parent
-            share = 1.0 if parent >= 0 else 0.1
-            for axis in body.bones[bone].axes:
-                if parent >= 0 or axis.kind[0] == "t":
-                    freedom[axis.dof] = share * max(float(body.sigma[axis.dof]), 1e-6)
-            bone = parent
-    return np.array(list(freedom)), np.array(list(freedom.values()))

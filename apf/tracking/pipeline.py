@@ -10,7 +10,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, Protocol, TypeAlias, TypeVar, cast
+from typing import Any, TypeAlias, cast
 
 import numpy as np
 
@@ -30,6 +30,7 @@ from apf.likelihood.observations import (
 )
 from apf.scene import Scene
 from apf.tracking.limb_confidence import limb_margins
+from apf.tracking.recovery import RecoveringRuns
 from apf.tracking.track import Track, concatenate_tracks
 from apf.tracking.trackers import make_recovering_runs, run_seeds, with_seeds
 from apf.tracking.two_way import track_both_ways
@@ -45,18 +46,6 @@ from psfs.volume import automatic_grid
 from psfs.voxels.device_voxels import Voxels
 from psfs.voxels.grid import VoxelGrid
 from psfs.voxels.host_voxels import HostVoxels
-
-R = TypeVar("R")
-R_co = TypeVar("R_co", covariant=True)
-
-
-class Stepping(Protocol[R_co]):
-    """A tracker, or several runs, whose `step` returns what is found in a frame."""
-
-    def start(self, pose: np.ndarray, /) -> None: ...
-
-    def step(self, observation: Observation, /) -> R_co: ...
-
 
 #: The observed points of a frame, by its number.
 FrameKeypoints: TypeAlias = Callable[[int], PointObservations]
@@ -233,8 +222,10 @@ def _provenance(
 
 
 def track_forward(
-    tracker: Stepping[R], seen: Iterable[tuple[int, Observation]], progress: Callable[[str], object]
-) -> Iterator[tuple[int, R]]:
+    tracker: RecoveringRuns,
+    seen: Iterable[tuple[int, Observation]],
+    progress: Callable[[str], object],
+) -> Iterator[tuple[int, list[Estimate]]]:
     """Yield the number of every frame of `seen` and each run's estimate of it. The tracker must be
     started.
 
@@ -295,12 +286,12 @@ def _mark_interrupted(track: Track) -> Track:
 
 
 def _track_part(
-    found: Iterator[tuple[int, R]], seconds: float
-) -> tuple[list[int], list[R], bool, BaseException | None]:
+    found: Iterator[tuple[int, list[Estimate]]], seconds: float
+) -> tuple[list[int], list[list[Estimate]], bool, BaseException | None]:
     """Track for about `seconds`. Return frames, estimates, whether more frames may follow, and the
     error that ended them early."""
     frames: list[int] = []
-    estimates: list[R] = []
+    estimates: list[list[Estimate]] = []
     until = time.perf_counter() + seconds
     try:
         for index, estimate in found:

@@ -7,7 +7,6 @@ from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
-from datetime import timedelta
 from typing import TYPE_CHECKING, NamedTuple
 
 if TYPE_CHECKING:
@@ -107,7 +106,7 @@ class ProgressLine(StageProgress):
         self._bar = bar
         self._furthest = 0  # the last of the stages so far, in their order
         self._person, self._n_people = 1, 1
-        self._task = bar.add_task("opening", total=None, reached_at=0.0, underway=0.0)
+        self._task = bar.add_task("opening", total=None)
 
     def begin_person(self, n_frames: int, number: int, of: int) -> None:
         super().begin_person(n_frames, number, of)
@@ -126,13 +125,7 @@ class ProgressLine(StageProgress):
         counted = f" {min(n, self._done[stage])}/{n}" if stage in BY_FRAMES else ""
         words = f"{self._whose}{stage}{counted}"
         done, whole = self._measure_work()
-        cost = self._costs.get(stage, _Cost(0))
-        size = cost.frame if stage in BY_FRAMES else cost.whole + n * cost.frame
-        elapsed = next(task.elapsed for task in self._bar.tasks if task.id == self._task)
-        self._bar.update(
-            self._task, description=words, completed=done, total=whole,
-            reached_at=elapsed or 0.0, underway=size,
-        )  # fmt: skip
+        self._bar.update(self._task, description=words, completed=done, total=whole)
 
     def _measure_work(self) -> tuple[float, float]:
         """Return the work that is done, and all of it, in expected seconds."""
@@ -146,42 +139,22 @@ class ProgressLine(StageProgress):
         return done, whole
 
 
-def estimate_time_left(
-    elapsed: float, reached_at: float, done: float, whole: float, underway: float
-) -> float:
-    """Return the time left, s, after `elapsed` seconds, if `done` of the `whole` work was reached
-    at a time and the piece `underway` begun: at the pace so far, beside which two seconds of the
-    machine count on which the stages were measured."""
-    pace = (reached_at + 2) / (done + 2)
-    passed = min(elapsed - reached_at, pace * underway)  # it may take longer than expected
-    return max(0.0, pace * (whole - done) - passed)
-
-
 def make_stage_bar(console: Console, hidden: bool = False) -> Progress:
     """Return the bar that shows a `ProgressLine` on a console of rich."""
     from rich.progress import (
         BarColumn,
         Progress,
-        ProgressColumn,
-        Task,
         TaskProgressColumn,
         TextColumn,
         TimeElapsedColumn,
+        TimeRemainingColumn,
     )
-    from rich.text import Text
-
-    class TimeLeft(ProgressColumn):
-        def render(self, task: Task) -> Text:
-            if task.total is None:
-                return Text("")
-            at, underway = task.fields["reached_at"], task.fields["underway"]
-            left = estimate_time_left(task.elapsed or 0, at, task.completed, task.total, underway)
-            return Text(f"{timedelta(seconds=round(left))} left", style="progress.remaining")
 
     return Progress(
         *(TextColumn("{task.description}", markup=False), BarColumn(), TaskProgressColumn()),
-        *(TimeElapsedColumn(), TimeLeft()),
+        *(TimeElapsedColumn(), TimeRemainingColumn(), TextColumn("left")),
         console=console,
+        speed_estimate_period=3600,  # stages take unequally long
         disable=hidden,
     )
 

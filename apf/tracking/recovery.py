@@ -76,14 +76,13 @@ class RecoveringTracker:
         tracker: Tracker,
         wide: Callable[[], Tracker],
         everywhere: Callable[[Observation], Iterable[np.ndarray]] | None = None,
-        config: RecoveryConfig | None = None,
         enough: Callable[[Observation], bool] = lambda observation: True,
         *,
         always_everywhere: bool = False,
         retry: int = RETRY,
         recovers: bool = True,
     ) -> None:
-        self._judge, self._enough, self._recovers = Judge(config), enough, recovers
+        self._judge, self._enough, self._recovers = Judge(), enough, recovers
         self._always_everywhere, self._retry = always_everywhere, retry
         self._tracker, self._make_wide, self._everywhere = tracker, wide, everywhere
         self._wide: Tracker | None = None
@@ -156,66 +155,45 @@ class RecoveringTracker:
 
 
 class RecoveringRuns:
-    """The runs of one batched tracker, each with its own recovery.
+    """Several runs over the same observations, each with its own recovery.
 
-    A run that has lost the person searches for them alone, by a tracker of its own, and only then
-    pays for it. Until a run loses the person, it is bit-equal to the same run alone. watch: returns
-    the `RecoveringTracker` of a run, from its number and an object whose `start(pose)` restarts
-    that run.
+    trackers: one for each run. batch: searches for all runs at once; each run is bit-equal to the
+    same run alone until it loses the person, whom it then searches for alone. By default every run
+    has a tracker of its own.
     """
 
     def __init__(
-        self,
-        tracker: DeviceTracker,
-        n_runs: int,
-        watch: Callable[[int, Tracker], RecoveringTracker],
+        self, trackers: Sequence[RecoveringTracker], batch: DeviceTracker | None = None
     ) -> None:
-        self._tracker = tracker
-        self._runs = [watch(run, _Restart(tracker, run)) for run in range(n_runs)]
-
-    def start(self, poses: np.ndarray) -> None:
-        """Put all particles at a pose (D,), or the particles of each run at its own, (R, D)."""
-        each = np.broadcast_to(poses, (len(self._runs), np.shape(poses)[-1]))
-        self._tracker.start(each[0])
-        for run, pose in zip(self._runs, each, strict=True):
-            run.start(pose)
-
-    def step(self, observation: Observation) -> list[Estimate]:
-        """Track the next frame; return the estimate of each run."""
-        estimates = self._tracker.step_runs(observation)
-        return [
-            run.recover_if_lost(estimate, observation)
-            for run, estimate in zip(self._runs, estimates, strict=True)
-        ]
-
-    def score_poses(self, poses: np.ndarray) -> np.ndarray:
-        """Return the errors (N,) of poses (N, D), see `Tracker.score_poses`."""
-        return self._tracker.score_poses(poses)
-
-
-class SeparateRuns:
-    """Trackers that receive the same observations one after the other; same interface as
-    `RecoveringRuns`."""
-
-    def __init__(self, trackers: Sequence[Tracker | RecoveringTracker]) -> None:
-        self._trackers = trackers
+        self._trackers, self._batch = trackers, batch
 
     def start(self, poses: np.ndarray) -> None:
         """Put all particles at a pose (D,), or the particles of each run at its own, (R, D)."""
         each = np.broadcast_to(poses, (len(self._trackers), np.shape(poses)[-1]))
+        if self._batch is not None:
+            self._batch.start(each[0])
         for tracker, pose in zip(self._trackers, each, strict=True):
             tracker.start(pose)
 
     def step(self, observation: Observation) -> list[Estimate]:
         """Track the next frame; return the estimate of each run."""
-        return [tracker.step(observation) for tracker in self._trackers]
+        if self._batch is None:
+            return [tracker.step(observation) for tracker in self._trackers]
+        estimates = self._batch.step_runs(observation)
+        return [
+            tracker.recover_if_lost(estimate, observation)
+            for tracker, estimate in zip(self._trackers, estimates, strict=True)
+        ]
 
     def score_poses(self, poses: np.ndarray) -> np.ndarray:
-        """Return the errors (N,) of poses (N, D), averaged over the trackers."""
+        """Return the errors (N,) of poses (N, D), see `Tracker.score_poses`, the mean of all
+        runs."""
+        if self._batch is not None:
+            return self._batch.score_poses(poses)
         return np.mean([of.score_poses(poses) for of in self._trackers], axis=0)
 
 
-class _Restart(Tracker):
+class Restart(Tracker):
     """A handle by which one run of a batched tracker can be restarted."""
 
     def __init__(self, tracker: DeviceTracker, run: int) -> None:

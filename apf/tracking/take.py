@@ -12,7 +12,6 @@ from typing import TypeAlias
 
 import numpy as np
 
-from apf.backend import make_tracker
 from apf.body.kinematics import posed_joints
 from apf.body.model import BodyModel
 from apf.filters.method import Method
@@ -23,7 +22,6 @@ from apf.initialisation.kept_voxels import select_person_points
 from apf.initialisation.personal import Outlines
 from apf.initialisation.sequence import initialise
 from apf.initialisation.start import Start, StartError, check_startable
-from apf.scene import Scene
 from apf.tracking.personal_pass import fit_personal_body
 from apf.tracking.pipeline import TrackingTask, track_frames
 from apf.tracking.settings import TakeSettings
@@ -118,7 +116,10 @@ def start_take(
         check_startable(settings.body_template)  # before anything that takes time
     if settings.keypoints is not None:
         report("keypoints")
-        keypoint_fit, given = fit_to_keypoints(session, settings)
+        keypoint_fit = fit_to_keypoints(session, settings)
+        if given is None:
+            frame, pose = keypoint_fit.anchored
+            given = keypoint_fit.body, pose
     if method.uses_voxels:
         check_terms(session.sequence, method)
     if method.uses_voxels or given is None:
@@ -275,41 +276,13 @@ def check_cameras(sequence: Sequence) -> None:
         )
 
 
-def fit_to_keypoints(
-    session: Session, settings: TakeSettings
-) -> tuple[KeypointStart, tuple[BodyModel, np.ndarray]]:
-    """Return the fit to the keypoints of the selected frames, the body and its first pose (D,).
-
-    If the settings give body and pose, they are returned unchanged, and only the positions of the
-    keypoints on the body are fitted. Otherwise both are estimated from the keypoints. The settings
-    must have keypoints.
-    """
+def fit_to_keypoints(session: Session, settings: TakeSettings) -> KeypointStart:
+    """Return the fit to the keypoints of the selected frames, which the settings must have. A given
+    body keeps its shape, and only its poses and the positions of the keypoints on it are fitted."""
     assert settings.keypoints is not None
     given = settings.given
-    body = settings.body_template if given is None else given[0]
-    start = start_from_keypoints(
-        session.rig, settings.keypoints, body, session.frames,
+    return start_from_keypoints(
+        session.rig, settings.keypoints, settings.body_template if given is None else given[0],
+        session.frames,
         height=settings.height, keep_shape=settings.keep_shape or given is not None,
     )  # fmt: skip
-    if given is None:
-        given = start.body, _first_pose(session, start, settings.tracked_method)
-    return start, given
-
-
-def _first_pose(session: Session, start: KeypointStart, method: Method) -> np.ndarray:
-    """Return the pose (D,) in the first of the session's frames.
-
-    The body is tracked from the anchor frame back to the first one by keypoints alone, because the
-    first frames may have few keypoints or exchange left and right.
-    """
-    anchor, pose = start.anchored
-    frames = session.frames
-    back = frames[: frames.index(anchor)][::-1]
-    alone = Method.create(objective="keypoints", seed=method.filter.search.seed)
-    alone = alone.with_keypoints(method.filter.keypoints.room)
-    scaled = alone.replace(filter=alone.filter.scale_to_rate(session.rate))
-    tracker = make_tracker(Scene(session.device, session.rig, None, start.body), scaled)
-    tracker.start(pose)
-    for frame in back:
-        pose = tracker.step(None, start.observations(frame)).pose
-    return pose

@@ -17,7 +17,7 @@ from apf.initialisation.kept_voxels import shows_somebody, store_voxels
 from apf.initialisation.start import StartError
 from apf.likelihood.observations import AnyVoxels, Observation, split_observation
 from apf.scene import Scene
-from apf.tracking.recovery import RETRY, RecoveringRuns, RecoveringTracker, SeparateRuns
+from apf.tracking.recovery import RETRY, RecoveringRuns, RecoveringTracker, Restart
 
 #: Factor of the noise in the searches for a lost person.
 _WIDER = 4.0
@@ -41,19 +41,17 @@ def run_seeds(seed: int, n_runs: int) -> list[int]:
     return [(seed + run * _GOLDEN) % 2**64 for run in range(n_runs)]
 
 
-def make_recovering_runs(
-    scene: Scene, method: Method, seeds: list[int]
-) -> RecoveringRuns | SeparateRuns:
+def make_recovering_runs(scene: Scene, method: Method, seeds: list[int]) -> RecoveringRuns:
     """Make the recovering trackers of `method` with each of `seeds`, batched into one if the method
     allows it."""
     methods = with_seeds(method, seeds)
     if len(seeds) == 1 or not shares_launches(scene.device, method):
-        return SeparateRuns([make_recovering_tracker(scene, of) for of in methods])
-
-    def watch(run: int, restart: Tracker) -> RecoveringTracker:
-        return make_recovering_tracker(scene, methods[run], restart)
-
-    return RecoveringRuns(make_device_tracker(scene, method, seeds), len(seeds), watch)
+        return RecoveringRuns([make_recovering_tracker(scene, of) for of in methods])
+    batch = make_device_tracker(scene, method, seeds)
+    runs = [
+        make_recovering_tracker(scene, of, Restart(batch, run)) for run, of in enumerate(methods)
+    ]
+    return RecoveringRuns(runs, batch)
 
 
 def make_recovering_tracker(

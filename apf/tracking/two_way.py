@@ -40,7 +40,7 @@ from apf.likelihood.observations import (
     with_points,
 )
 from apf.tracking.limb_confidence import LEAST_DISTANCE, SAME_PLACE
-from apf.tracking.recovery import RecoveringRuns, SeparateRuns
+from apf.tracking.recovery import RecoveringRuns
 from apf.tracking.smoothing import unwrap_angles
 from cl import Device, NumpyDevice, UserError
 from psfs.common.matching import find_best_path
@@ -68,8 +68,8 @@ _WindowFrame = tuple[int, "_Kept", list[list[Estimate]]]
 
 def track_both_ways(
     device: Device | NumpyDevice,
-    forward: RecoveringRuns | SeparateRuns,
-    back: Sequence[RecoveringRuns | SeparateRuns],
+    forward: RecoveringRuns,
+    back: Sequence[RecoveringRuns],
     seen: Iterable[tuple[int, Observation]],
     progress: Callable[[str], object],
     *,
@@ -164,7 +164,7 @@ def _reverse_observations(
 
 def _fuse_window(
     device: Device | NumpyDevice,
-    back: Sequence[RecoveringRuns | SeparateRuns],
+    back: Sequence[RecoveringRuns],
     window: list[_WindowFrame],
     fps: float,
     progress: Callable[[], object],

@@ -16,9 +16,6 @@ Phys. Rev. 40, 207-227).
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
-
 import numpy as np
 import scipy
 
@@ -26,48 +23,27 @@ from apf.body.jacobian import bone_point_jacobian
 from apf.body.kinematics import posed_points
 from apf.body.model import BodyModel, sideless
 
-
-@dataclass(frozen=True)
-class DeviationCalibration:
-    """Calibration of the stated deviations; see `CALIBRATION` for the values used."""
-
-    scale: float = 1.0
-    """Factor of the stated deviations."""
-    floor: Mapping[str, float] = field(default_factory=dict)
-    """Least deviation, m, of every coordinate of a joint, by the joint's name without its side."""
-    other_floor: float = 0.03
-    """Least deviation, m, of joints that `floor` does not name: a middle value of `CALIBRATION`."""
-    sound_misfit: float = 0.13
-    """Misfit of a pose up to which the deviations hold as they are; above it they grow in
-    proportion. Tuned: bodies that fit have 0.11; without a film of the empty room, with a rig that
-    is off or in a skirt the 95 % ellipsoids hold 96 to 99 % (60 to 93 % without it), and 90 % of a
-    person who did not serve to set it."""
-
-    def growth(self, misfit: np.ndarray) -> np.ndarray:
-        """Return the factors (F,) of the deviations for misfits (F,); 1 where these are NaN."""
-        return np.fmax(1.0, misfit / self.sound_misfit)
-
-    def floors(self, names: list[str]) -> np.ndarray:
-        """Return the floors (J,), m, of the joints with these names."""
-        return np.array([self.floor.get(sideless(name), self.other_floor) for name in names])
-
-
-#: Estimated from tracks with known truth, plus a tenth. In cross-validation, leaving out one, the
-#: 95 % ellipsoids hold 83 to 98 % of the true joints.
-CALIBRATION = DeviationCalibration(
-    scale=2.0,
-    floor={
-        "pelvis": 0.011,
-        "neck": 0.013,
-        "head_top": 0.013,
-        "shoulder": 0.024,
-        "elbow": 0.025,
-        "wrist": 0.023,
-        "hip": 0.016,
-        "knee": 0.016,
-        "ankle": 0.010,
-    },
-)
+#: Factor of the stated deviations, and least deviation, m, of every coordinate of a joint, by its
+#: name without the side, with a middle value for others. Estimated from tracks with known truth,
+#: plus a tenth. In cross-validation, leaving out one, the 95 % ellipsoids hold 83 to 98 % of the
+#: true joints.
+SCALE, OTHER_FLOOR = 2.0, 0.03
+FLOORS = {
+    "pelvis": 0.011,
+    "neck": 0.013,
+    "head_top": 0.013,
+    "shoulder": 0.024,
+    "elbow": 0.025,
+    "wrist": 0.023,
+    "hip": 0.016,
+    "knee": 0.016,
+    "ankle": 0.010,
+}
+#: Misfit of a pose up to which the deviations hold as they are; above it they grow in proportion.
+#: Tuned: bodies that fit have 0.11; without a film of the empty room, with a rig that is off or in
+#: a skirt the 95 % ellipsoids hold 96 to 99 % (60 to 93 % without it), and 90 % of a person who did
+#: not serve to set it.
+SOUND_MISFIT = 0.13
 
 
 def joint_covariance(
@@ -75,7 +51,6 @@ def joint_covariance(
     poses: np.ndarray,
     information: np.ndarray,
     deviation: np.ndarray,
-    calibration: DeviationCalibration = CALIBRATION,
     *,
     misfit: np.ndarray | None = None,
 ) -> np.ndarray:
@@ -86,11 +61,11 @@ def joint_covariance(
     particles. misfit: (F,) of the poses; none is known by default. See `Estimate`.
     """
     raw = raw_covariance(body, poses, information, deviation)
-    floors = calibration.floors(body.joint_names)
-    found: np.ndarray = calibration.scale**2 * raw + floors[:, None, None] ** 2 * np.eye(3)
+    floors = np.array([FLOORS.get(sideless(name), OTHER_FLOOR) for name in body.joint_names])
+    found: np.ndarray = SCALE**2 * raw + floors[:, None, None] ** 2 * np.eye(3)
     found[np.einsum("fdd->f", information) <= 0] = np.nan
     if misfit is not None:
-        found *= calibration.growth(misfit)[:, None, None, None] ** 2
+        found *= np.fmax(1.0, misfit / SOUND_MISFIT)[:, None, None, None] ** 2
     return found
 
 
@@ -109,13 +84,9 @@ def raw_covariance(
     return slopes.swapaxes(2, 3) @ spread[:, None] @ slopes
 
 
-def is_inside_ellipsoid(
-    offsets: np.ndarray, covariance: np.ndarray, share: float = 0.95
-) -> np.ndarray:
-    """Return whether offsets (..., 3), m, lie in the ellipsoids that hold `share` of the
+def is_inside_ellipsoid(offsets: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+    """Return whether offsets (..., 3), m, lie in the ellipsoids that hold 95 % of the
     probability."""
     solved = np.linalg.solve(covariance, offsets[..., None])[..., 0]
-    limit = 2 * scipy.special.gammaincinv(
-        1.5, share
-    )  # quantile of the chi-squared distribution, 3 degrees
+    limit = scipy.special.chdtri(3, 0.05)
     return np.einsum("...a,...a->...", offsets, solved) <= limit

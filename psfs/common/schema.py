@@ -125,7 +125,7 @@ def describe_error(error: ValidationError, values: object) -> str:
     key = _key(first["loc"], values)
     if first["type"] == "missing":
         text = f"lacks the key {escape_unprintable(key)}"
-    elif first["type"] == "extra_forbidden":
+    elif first["type"] in ("extra_forbidden", "unexpected_keyword_argument"):
         text = f"has the key {escape_unprintable(key)}, which is unknown"
     else:
         found = repr(first["input"])

@@ -15,7 +15,7 @@ from apf.scene import Scene
 from cl import Array, Step
 
 #: Columns and rows of pixels that a work-group counts at a time.
-GROUP = (32, 8)
+_GROUP = (32, 8)
 _SCORED = 64
 
 
@@ -26,8 +26,7 @@ class OpenGLObjective(Likelihood):
     two without a window rarely. There all hypotheses are drawn as tiles of a frame buffer, counted
     and scored, and only `errors` (N,) come back. Once a frame its features cross, too.
 
-    group: columns and rows that a work-group counts at a time, at most 1024 in all. Raises what
-    `OpenGLRenderer` does.
+    Raises what `OpenGLRenderer` does.
     """
 
     def __init__(
@@ -36,7 +35,6 @@ class OpenGLObjective(Likelihood):
         n_hypotheses: int,
         config: ObjectiveConfig | None = None,
         mesh: BodyMesh | None = None,
-        group: tuple[int, int] = GROUP,
     ) -> None:
         device, body, rig = scene.opencl, scene.body, scene.rig
         self.device, self.rig, self.n_hypotheses = device, rig, n_hypotheses
@@ -52,7 +50,9 @@ class OpenGLObjective(Likelihood):
             self._counts = self.renderer.shape.reserve(4)
             self._areas = context.buffer(reserve=4 * len(rig))
             self._errors = context.buffer(reserve=4 * n_hypotheses)
-            self._count = Compute(context, "count_pixels.comp", GROUP_X=group[0], GROUP_Y=group[1])
+            self._count = Compute(
+                context, "count_pixels.comp", GROUP_X=_GROUP[0], GROUP_Y=_GROUP[1]
+            )
             kind = OBJECTIVE_KINDS.index(config.kind)
             self._score = Compute(context, "score_counts.comp", KIND=kind)
 
@@ -78,48 +78,24 @@ class OpenGLObjective(Likelihood):
         return [*self.kinematics.launcher(poses), self._score_hypotheses]
 
     def _score_hypotheses(self) -> None:
+        """Draw and count the posed bodies, batch by batch, score them, and wait."""
+        renderer, config, n = self.renderer, self.config, self.n_hypotheses
         cones = self.kinematics.cones.get()
-        with self.renderer:
-            self.upload(cones)
-            self.project()
-            for first, count in self.renderer.batches():
-                self.draw(first, count)
-                self.count(first, count)
-            self.score()
-            errors = self.read()
+        with renderer:
+            renderer.upload(cones)
+            renderer.project()
+            for first, count in renderer.batches():
+                renderer.render(first, count)
+                renderer.drawn.use(0)
+                self._maps.use(1)
+                buffers = {0: renderer.regions, 1: self._counts}
+                self._count((count,), buffers, **renderer.tiles(first))
+            self._score(
+                (-(-n // _SCORED),),
+                {0: self._counts, 1: self._areas, 2: self._errors},
+                n_particles=n,
+                n_views=len(self.rig),
+                weights=(config.balance, config.silhouette_weight, config.edge_weight),
+            )
+            errors = np.frombuffer(self._errors.read(), np.float32)
         self.errors.set(errors)
-
-    def upload(self, cones: np.ndarray) -> None:
-        """Upload the posed cones; the steps of an evaluation, in their order."""
-        self.renderer.upload(cones)
-
-    def project(self) -> None:
-        """Enqueue the projection of all hypotheses into all cameras."""
-        self.renderer.project()
-
-    def draw(self, first: int, count: int) -> None:
-        """Enqueue the drawing of so many pictures."""
-        self.renderer.render(first, count)
-
-    def count(self, first: int, count: int) -> None:
-        """Enqueue the counting of the pixels of the pictures that were drawn last."""
-        renderer = self.renderer
-        renderer.drawn.use(0)
-        self._maps.use(1)
-        buffers = {0: renderer.regions, 1: self._counts}
-        self._count((count,), buffers, **renderer.tiles(first))
-
-    def score(self) -> None:
-        """Enqueue the scores of all hypotheses."""
-        config, n = self.config, self.n_hypotheses
-        self._score(
-            (-(-n // _SCORED),),
-            {0: self._counts, 1: self._areas, 2: self._errors},
-            n_particles=n,
-            n_views=len(self.rig),
-            weights=(config.balance, config.silhouette_weight, config.edge_weight),
-        )
-
-    def read(self) -> np.ndarray:
-        """Wait for the errors (N,) float32 and return them."""
-        return np.frombuffer(self._errors.read(), np.float32)

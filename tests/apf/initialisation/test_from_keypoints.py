@@ -63,7 +63,7 @@ def test_known_height_and_shape_are_kept() -> None:
     poses = poses_of(body, 10)
     keypoints = of_poses(RIG, body, poses, noise=2.0)
     tall = start_from_keypoints(RIG, keypoints, TEMPLATE, range(10), height=1.4)
-    assert stature(tall.body) == pytest.approx(1.4, abs=1e-6)
+    assert stature(tall.body) == pytest.approx(1.4, abs=0.01)
     own = start_from_keypoints(RIG, keypoints, body, range(10), keep_shape=True)
     np.testing.assert_allclose(
         [bone.offset for bone in own.body.bones], [bone.offset for bone in body.bones]

@@ -98,6 +98,6 @@ def test_clicks_in_pictures_of_two_frames_are_not_combined(server: viser.ViserSe
     panel.move_handle(place)
     assert not drawn  # the body of another frame stays as it was
     panel.toggle_handle()
-    (point,) = panel.corrections.points
+    (point,) = panel.corrections.point
     assert (point.frame, point.joint) == (3, "l_wrist")
     np.testing.assert_allclose(point.position, place, atol=1e-6)

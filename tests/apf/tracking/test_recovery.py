@@ -24,6 +24,7 @@ from apf.tracking.recovery import (
     TRACKED,
     RecoveringRuns,
     RecoveringTracker,
+    Restart,
 )
 from apf.tracking.trackers import make_recovering_tracker
 from cl import Device
@@ -175,9 +176,8 @@ class OnLines:
 
 def test_of_several_runs_only_the_lost_one_is_started_again() -> None:
     tracker = OnLines()
-    runs = RecoveringRuns(
-        tracker, 2, lambda _, restart: RecoveringTracker(restart, lambda: OnALine(1.0))
-    )
+    watched = [RecoveringTracker(Restart(tracker, run), lambda: OnALine(1.0)) for run in (0, 1)]
+    runs = RecoveringRuns(watched, tracker)
     runs.start(np.zeros(1))
     tracker.runs[1].starts.clear()
     found = [runs.step(place) for place in (0.0, 0.05, 0.9, 0.95)]

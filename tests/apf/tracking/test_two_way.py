@@ -22,7 +22,7 @@ from apf.initialisation.kept_voxels import RestoredVoxels, crop_voxels
 from apf.reference.likelihood.voxel import uncrop
 from apf.scene import Scene
 from apf.tracking.limb_confidence import LEAST_DISTANCE, SAME_PLACE
-from apf.tracking.recovery import SeparateRuns
+from apf.tracking.recovery import RecoveringRuns
 from apf.tracking.trackers import make_recovering_tracker, run_seeds
 from apf.tracking.two_way import (
     exchange_limbs,
@@ -215,7 +215,7 @@ def short_windows(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_windows_overlap_and_give_every_frame_once(short_windows: None) -> None:
     back, told = Follower(), list[str]()
     found = list(
-        track_both_ways(NumpyDevice(), Forward(), [SeparateRuns([back])], frames(25), told.append)
+        track_both_ways(NumpyDevice(), Forward(), [RecoveringRuns([back])], frames(25), told.append)
     )
     assert [index for index, _ in found] == list(range(5, 30))
     for (_, (one,)), (_, shown) in zip(found, frames(25), strict=True):
@@ -274,7 +274,7 @@ def test_what_ends_the_frames_is_raised_after_them(
         for one in track_both_ways(
             NumpyDevice(),
             Forward(),
-            [SeparateRuns([back])],
+            [RecoveringRuns([back])],
             frames(7, ending),
             lambda stage: None,
         ):
@@ -296,7 +296,7 @@ def test_what_ends_the_way_back_leaves_the_way_ahead(
     found = []
     with pytest.raises(type(ending)):
         for one in track_both_ways(
-            NumpyDevice(), Forward(), [SeparateRuns([Follower()])], frames(n), progress
+            NumpyDevice(), Forward(), [RecoveringRuns([Follower()])], frames(n), progress
         ):
             found.append(one)
     assert len(found) == kept and np.isnan(found[3][1][0].disagreement).all()
@@ -322,7 +322,7 @@ def test_errors_are_the_twins(device: Device) -> None:
 def test_an_arm_that_began_wrong_is_right_from_the_end_back(device: Device) -> None:
     method = Method.create(n_particles=60, n_layers=4, limb_search_reach=1.0)
     scene = Scene(device, scenes.ring(4), GRID, SONG)
-    forward = SeparateRuns([make_recovering_tracker(scene, method)])
+    forward = RecoveringRuns([make_recovering_tracker(scene, method)])
     forward.start(moved(walker(0), l_upper_arm__rx=-0.7))
     alone = []
 
@@ -332,7 +332,7 @@ def test_an_arm_that_began_wrong_is_right_from_the_end_back(device: Device) -> N
             return alone[-1]
 
     seen = ((k, surface_voxels(device, walker(k))) for k in range(8))
-    back = [SeparateRuns([make_recovering_tracker(scene, method)])]
+    back = [RecoveringRuns([make_recovering_tracker(scene, method)])]
     found = list(track_both_ways(device, Heard(), back, seen, lambda stage: None))
     wrist = SONG.joint_names.index("l_wrist")
     true = posed_joints(SONG, np.stack([walker(k) for k in range(8)]))[:, wrist]

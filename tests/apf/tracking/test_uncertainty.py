@@ -8,7 +8,9 @@ from helpers import bodies
 from apf.body.kinematics import posed_joints
 from apf.body.toml import load_body
 from apf.tracking.uncertainty import (
-    DeviationCalibration,
+    FLOORS,
+    SCALE,
+    SOUND_MISFIT,
     is_inside_ellipsoid,
     joint_covariance,
     raw_covariance,
@@ -46,20 +48,22 @@ def test_calibration_scales_and_adds_a_floor_per_joint() -> None:
     poses = bodies.random_poses(SONG, 2)
     known, deviation = np.stack(2 * [1e4 * np.eye(31)]), np.full((2, 31), 0.01)
     raw = raw_covariance(SONG, poses, known, deviation)
-    scaled = DeviationCalibration(3.0, {"wrist": 0.05}, other_floor=0.01)
-    found = joint_covariance(SONG, poses, known, deviation, scaled)
-    for name, floor in (("l_wrist", 0.05), ("r_wrist", 0.05), ("pelvis", 0.01)):
-        place = SONG.joint_names.index(name)
-        np.testing.assert_allclose(found[:, place], 9 * raw[:, place] + floor**2 * np.eye(3))
+    found = joint_covariance(SONG, poses, known, deviation)
+    for name in ("l_wrist", "r_wrist", "pelvis"):
+        place, floor = (
+            SONG.joint_names.index(name),
+            FLOORS[name.removeprefix("l_").removeprefix("r_")],
+        )
+        expected = SCALE**2 * raw[:, place] + floor**2 * np.eye(3)
+        np.testing.assert_allclose(found[:, place], expected)
 
 
 def test_deviations_grow_with_the_misfit() -> None:
     poses = bodies.random_poses(SONG, 4)
     known, deviation = np.stack(4 * [1e4 * np.eye(31)]), np.full((4, 31), 0.01)
-    calibration = DeviationCalibration(2.0, sound_misfit=0.1)
-    sound = joint_covariance(SONG, poses, known, deviation, calibration)
-    misfit = np.array([0.05, 0.1, 0.3, np.nan])
-    found = joint_covariance(SONG, poses, known, deviation, calibration, misfit=misfit)
+    sound = joint_covariance(SONG, poses, known, deviation)
+    misfit = SOUND_MISFIT * np.array([0.5, 1.0, 3.0, np.nan])
+    found = joint_covariance(SONG, poses, known, deviation, misfit=misfit)
     factors = np.array([1.0, 1.0, 3.0, 1.0])
     np.testing.assert_allclose(found, factors[:, None, None, None] ** 2 * sound)
 
