@@ -122,6 +122,8 @@ def _live(
     try:
         _write_run(request.replace(method=method), live, result, (takes, provenance, truth, scale))
     except InputError as error:  # such as a full disk
+        if not any(keep.folder.glob("*")):  # it was full from the start
+            raise
         raise InputError(f"{error}; what was tracked is in {keep.folder}") from error
     keep.remove()
     if result.error is not None:
