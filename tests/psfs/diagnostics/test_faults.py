@@ -232,11 +232,11 @@ def test_a_shift_is_measured_without_a_change_of_the_background() -> None:
 
 
 def test_masks_of_other_values(tmp_path: Path, masks: np.ndarray) -> None:
-    of_bits = write(tmp_path / "bits", masks[:4] // 255)
-    (fault,) = faults(of_bits)
-    assert fault.kind == "empty" and "(the greatest value in them is 1)" in fault.text
-    with pytest.raises(InputError, match="the greatest value in them is 1"):
-        find_volume(Session(Sequence.open(of_bits), NumpyDevice()))
+    grey = write(tmp_path / "grey", masks[:4] // 3)
+    (fault,) = faults(grey)
+    assert fault.kind == "empty" and "(the greatest value in them is 85)" in fault.text
+    with pytest.raises(InputError, match="the greatest value in them is 85"):
+        find_volume(Session(Sequence.open(grey), NumpyDevice()))
     inverted = [f for f in faults(write(tmp_path / "inverted", 255 - masks[:4])) if f.serious]
     assert [fault.cameras for fault in inverted] == [(name,) for name in NAMES]
     assert all("black and white exchanged" in fault.text for fault in inverted)
