@@ -54,7 +54,9 @@ def make_steps(steps: Sequence[str], current: str) -> str:
     for index, step in enumerate(steps):
         sign = _SIGNS["good"] if index < number else str(index + 1)
         style = "font-weight:bold;border-bottom:2px solid" if index == number else "opacity:0.6"
-        cells.append(f"<span style='padding:2px 5px;{style}'>{sign} {escape(step)}</span>")
+        cells.append(
+            f"<span style='padding:2px 3px;white-space:nowrap;{style}'>{sign} {escape(step)}</span>"
+        )
     return _block("".join(cells))
 
 
