@@ -419,7 +419,8 @@ def describe_user_error(error: Exception) -> str | None:
         where = os.fsdecode(error.filename) if named else "standard output, or a file"
         return f"{where}: cannot be read or written: {error.strerror}"
     short = "not enough memory; expected fewer or larger voxels, smaller pictures or fewer frames"
-    if isinstance(error, MemoryError):
+    unmapped = isinstance(error, ImportError) and "failed to map segment" in str(error)
+    if isinstance(error, MemoryError) or unmapped:
         return short
     return short if _is_memory_of_opencv(error) else None
 
