@@ -161,10 +161,8 @@ def find_wrong_intrinsics(
     """
     held = () if target.known is not None else (views[0],)
     tests = compare_lenses(scene, target, sightings, views, held)
-    usual = max(1.0, float(np.median([ratio for ratio, _ in tests.values()])))
-    found = {}
-    for view, (ratio, camera) in tests.items():
-        count = sum(sighting.view == view for sighting in sightings)
-        if ratio > usual * _limit_ratio(_PARAMETERS, count):
-            found[view] = camera
-    return found
+    ratios = sorted(ratio for ratio, _ in tests.values())
+    limit = _limit_ratio(_PARAMETERS, len(sightings)) * max(
+        1.0, float(np.median(ratios[:-1] or [1.0]))
+    )
+    return {view: camera for view, (ratio, camera) in tests.items() if ratio > limit}
