@@ -9,13 +9,14 @@ the manifest does not name belong to the user and stay.
 from __future__ import annotations
 
 import contextlib
+import mimetypes
 import os
 import platform
 import re
 import shutil
 import stat
 import threading
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO
@@ -32,6 +33,8 @@ _TEMPORARY = ".psfs-"
 _LEFTOVER = re.compile(r"\.psfs-(\d+)-.+", re.DOTALL)
 #: The file that is locked; it says who owns the folder.
 _OWNER = ".psfs-owner"
+#: Who makes footage: no command, or one of these.
+_FILMED = ("nobody", "apf synth", "psfs convert")
 #: Folders that are being written, by their full paths; `claim` looks them up.
 _OPEN: dict[Path, OutputFolder] = {}
 _lock = threading.RLock()
@@ -103,6 +106,11 @@ class Manifest:
             elif kind == "whole" and rest == run:
                 whole = True
         return cls(files, run, whole)
+
+
+def _is_footage(path: Path) -> bool:
+    kind, _ = mimetypes.guess_type(path.name)
+    return kind is not None and kind.startswith(("image/", "video/"))
 
 
 def _is_inside(name: str) -> bool:
@@ -219,10 +227,12 @@ class OutputFolder:
         """Raise InputError if results cannot be written here.
 
         A file that matches one of the `expected` patterns (of Path.glob) may exist that the
-        manifest does not name.
+        manifest does not name, or the folder may hold footage: results among its pictures would be
+        taken for cameras.
         """
         manifest = Manifest.read(self.folder)
         ours = manifest.files if manifest is not None else {}
+        self._check_footage(ours)
         before = manifest.command if manifest is not None and not self._addition else ""
         if before and before != self.command:
             raise InputError(
@@ -236,6 +246,18 @@ class OutputFolder:
             for path in self._real.glob(pattern):
                 if path.name != MANIFEST and os.path.relpath(path, self._real) not in ours:
                     raise _foreign_file_error(self.folder / os.path.relpath(path, self._real))
+
+    def _check_footage(self, ours: Mapping[str, str]) -> None:
+        """Raise InputError if the folder holds pictures or videos of a take. ours: the files that
+        the manifest names, with their commands."""
+        here = self._real / self._part
+        for path in here.iterdir() if here.is_dir() else ():
+            writer = ours.get(os.path.relpath(path, self._real), "" if ours else "nobody")
+            if writer in _FILMED and writer != self.command and _is_footage(path):
+                raise InputError(
+                    f"{self.folder / self._part}: holds {path.name}, which may be read; expected "
+                    "another folder than that of footage"
+                )
 
     def _begin(self) -> None:
         manifest = Manifest.read(self.folder)  # raises an error for another program's

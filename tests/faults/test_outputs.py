@@ -118,6 +118,25 @@ def test_an_output_over_the_input(tmp_path: Path, inside: str) -> None:
         pass
 
 
+@pytest.mark.parametrize("by", ["nobody", "apf synth"])
+def test_results_among_footage(tmp_path: Path, by: str) -> None:
+    video = tmp_path / "videos" / "cam01.mp4"
+    if by == "nobody":
+        video.parent.mkdir()
+        video.write_text("film")
+    else:
+        with output_folder(tmp_path, by):
+            write(video)
+    with (
+        pytest.raises(InputError, match=r"cam01\.mp4, which may be read"),
+        output_folder(video.parent, "apf evaluate", addition=True),
+    ):
+        pass
+    run(tmp_path / "new", "picture.png")
+    with output_folder(tmp_path / "new", "apf evaluate", addition=True):
+        write(tmp_path / "new" / "evaluation.png")
+
+
 def test_leftovers_of_killed_processes_are_cleared(tmp_path: Path) -> None:
     process = multiprocessing.get_context("spawn").Process(target=int)
     process.start()
