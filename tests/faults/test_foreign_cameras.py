@@ -143,7 +143,7 @@ def test_damaged_cameras(tmp_path: Path, name: str, changes: list, which: int) -
     [
         ("surrey", "3 1\n", "4 1\n", "expected 86 of Surrey's list of 4 cameras"),
         ("write_colmap", "cam02.", "cam01.", "camera names must differ; found cam01, cam01, cam03"),
-        ("write_easymocap", "rows: 3", "rows: nan", "not a list of numbers"),
+        ("write_easymocap", "data:", "data: nan #", "not a list of numbers"),
     ],
 )
 def test_wrong_cameras(tmp_path: Path, name: str, old: str, new: str, said: str) -> None:

@@ -226,8 +226,8 @@ def _make_camera(
     parts = [parse_array(_get(record, key, what), None, f"{what}: {key}") for key in keys]
     key, plain, fisheye = layout.lens
     if key and record.get(key) not in (*plain, *fisheye):
-        lenses = join_names(str(lens) for lens in (*plain, *fisheye))
-        raise InputError(f"{what}: the lens is {record.get(key)}; expected {lenses}")
+        lenses = join_names(f"{lens}" for lens in (*plain, *fisheye) if lens is not None)
+        raise InputError(f"{what}: {key} is {record.get(key)!r}; expected {lenses}")
     bent = bool(key) and record.get(key) in fisheye
     (kappa,) = parse_array(record.get(layout.kappa, 0.0), 1, f"{what}: {layout.kappa}")
     distortion = np.concatenate(parts)

@@ -99,8 +99,9 @@ def _read_node(node: Any) -> Any:
 
 def _read_numbers(node: Any) -> np.ndarray:
     """Return the numbers (N,) of a matrix, float64. Raises InputError."""
-    items = [node.at(i) for i in range(min(node.size(), MOST_NUMBERS + 1))]
-    if len(items) > MOST_NUMBERS or not all(item.isReal() or item.isInt() for item in items):
+    count = node.size() if node.isSeq() else 0
+    items = [node.at(i) for i in range(min(count, MOST_NUMBERS + 1))]
+    if not 0 < count <= MOST_NUMBERS or not all(item.isReal() or item.isInt() for item in items):
         raise InputError(
             f"the data of a matrix is not a list of numbers; expected up to {MOST_NUMBERS} of them"
         )

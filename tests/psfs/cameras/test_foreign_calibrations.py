@@ -544,7 +544,7 @@ _FRAME = b'{"file_path": "a", "transform_matrix": [1, 0, 0, 0, 0, 1, 0, 0, 0, 0,
             "camchain.yaml",
             b"cam0:\n  camera_model: omni\n  distortion_model: radtan\n  intrinsics: [9, 9, 1, 1]\n"
             b"  distortion_coeffs: [0, 0, 0, 0]\n  resolution: [64, 48]\n",
-            "camera cam0: the lens is omni-radtan; expected pinhole-radtan",
+            "camera cam0: lens is .omni-radtan.; expected pinhole-radtan",
         ),
         ("transforms.json", b'{"frames": []}', "frames"),
         ("transforms.json", b'{"frames": [{"file_path": "a"}]}', "transform_matrix"),
