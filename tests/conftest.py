@@ -28,13 +28,7 @@ import pytest
 from helpers import examined, faults, parity
 from pyopencl import invoker
 
-from apf.initialisation.config import (
-    AcceptanceConfig,
-    FrameChoice,
-    HeadingConfig,
-    PoseSearchConfig,
-    StartConfig,
-)
+from apf.initialisation.config import StartConfig
 from apf.synthetic.generate import generate
 from apf.synthetic.scene import SceneConfig
 from cl import Device
@@ -146,12 +140,7 @@ class _Remembering(dict[Any, Any]):
 @pytest.fixture
 def quick_start(monkeypatch: pytest.MonkeyPatch) -> None:
     """An automatic start with a small search, where any start will do: 2 s instead of 8."""
-    small = StartConfig().replace(
-        frames=FrameChoice(n_fitted=2, n_searched=1),
-        headings=HeadingConfig(n_headings=4, n_kept=1),
-        search=PoseSearchConfig(n_limb_starts=1),
-        acceptance=AcceptanceConfig(n_attempts=1),
-    )
+    small = StartConfig(n_frames=4, n_searched=1, n_headings=4, n_kept=1)
     monkeypatch.setattr("apf.initialisation.sequence.StartConfig", lambda: small)
 
 

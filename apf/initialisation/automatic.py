@@ -7,19 +7,48 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from apf.backend import make_filter
+from apf.body.kinematics import bone_matrices, posed_cones
+from apf.body.limbs import limb_masks
 from apf.body.model import BodyModel
-from apf.body.stature import HIP_SHARE, has_feet, has_head, is_whole, stature
+from apf.body.stature import HIP_SHARE, has_feet, has_head, is_whole, lowest_point, stature
+from apf.filters.base import DeviceTracker, Estimate, Tracker
 from apf.filters.config import FilterConfig
+from apf.initialisation.body_fit import Cloud, Fitted, SurfaceEvidence, fit_body
 from apf.initialisation.config import StartConfig
-from apf.initialisation.hypotheses import Hypothesis, select_close
-from apf.initialisation.kept_voxels import cut_by_height, select_person_points
-from apf.initialisation.pose_search import PoseSearch, SearchTask
-from apf.initialisation.shape_fit import Cloud, fit_shape
-from apf.initialisation.shape_model import ShapeModel
+from apf.initialisation.kept_voxels import LEAST_VOXELS, cut_by_height, select_person_points
+from apf.initialisation.shape_model import ShapeModel, inner_axes
 from apf.initialisation.start import Start, StartError, check_startable
 from apf.likelihood.observations import AnyVoxels
 from apf.scene import Scene
-from psfs.common.progress import one_blas_thread
+
+#: Share of the height beyond the hips up to which voxels are used for a body without head or feet:
+#: the belly ends there.
+_PART_MARGIN = 0.1
+#: Standard deviations of the search over headings: of the root's place, m, and tilt, rad, and of
+#: other axes as a share of what their limits span.
+_PLACE, _TILT, _BEND = 0.08, 0.15, 0.2
+#: Share by which the cost grows if the person moves backwards, which people seldom do, and the
+#: distance, m, that they must move for that.
+_BACKWARDS, _LEAST_WAY = 0.25, 0.25
+#: Ratio to the least cost up to which headings are followed.
+_CLOSE = 1.4
+#: Power of the misfit in the cost: a limb in the air costs little in the pictures; the voxels show
+#: better where it is.
+_MISFIT_POWER = 0.3
+#: Misfit, see `apf.likelihood.base`, above which no body was found.
+_HOPELESS = 0.9
+
+
+@dataclass(frozen=True, eq=False)
+class Hypothesis:
+    """Scales (S,) of a body and its poses (M, D) in some frames, the mean misfit of these, and the
+    cost by which hypotheses are compared; lower is better."""
+
+    shape: np.ndarray
+    poses: np.ndarray
+    misfit: float
+    cost: float
 
 
 def find_start(
@@ -31,17 +60,14 @@ def find_start(
     keep_shape: bool = False,
     seed: int = 0,
     progress: Callable[[], object] | None = None,
-    every: int = 1,
     config: StartConfig | None = None,
 ) -> Start:
     """Fit the template, the scene's body, to the person in the `voxels` (see `store_voxels`) of the
     first frames.
 
-    Every `every`-th frame is fitted; the frames between them only lead from one to the next. In the
-    first, the last and some middle ones of the fitted frames, search over all headings. From the
-    frame with the best fit, track the body to both ends, and fit its shape to all frames. Repeat
-    once from the frame that now fits best, with that shape. Repeat everything with other random
-    numbers while the fit is poor.
+    In the first, the last and some middle frames, search over all headings. From the frame with the
+    best fit, follow the best headings to both ends, and fit the body's shape to all frames. Do this
+    once more from the frame that now fits best, with that shape.
 
     noise: of a tracker from one of `voxels` to the next, see `SearchConfig`. height: known stature,
     m. keep_shape: the template is the person's own body. progress: called every now and then.
@@ -52,54 +78,45 @@ def find_start(
     """
     config = config or StartConfig()
     check_startable(scene.body)
-    shown, clouds = _select_observations(scene, voxels, every, config)
-    way = (np.median(clouds[-1].points, 0) - np.median(clouds[0].points, 0))[:2]
-    found: list[Attempt] = []
-    good, n_attempts = config.acceptance.good, config.acceptance.n_attempts
-    while not found or (len(found) < n_attempts and found[-1].registration_error > good):
-        other = (seed + (len(found) << 32)) % 2**64
-        task = SearchTask(height, keep_shape, other, way)
-        search = PoseSearch(scene, task, config)
-        tracking = config.filter.with_changes(noise=noise, seed=other)
-        fitting = _Fitting(search, shown, every, clouds, tracking, progress)
-        # the products are small: BLAS threads would only wait for each other
-        with one_blas_thread():
-            found.append(run_attempt(fitting))
-    limit = config.acceptance.hopeless
-    best = min(found, key=lambda one: (one.registration_error > limit, one.fit.cost))
-    if best.registration_error > limit:
+    shown, clouds = _select_observations(scene, voxels)
+    search = _Search(scene, shown, clouds, height, keep_shape)
+    search.config = config.filter.with_changes(noise=noise, seed=seed)
+    search.progress = progress or (lambda: None)
+    anchor, likely = search.try_headings(config)
+    fits = sorted((search.follow(each, anchor) for each in likely), key=lambda fit: fit.cost)
+    best = search.follow(fits[0], search.best_frame)
+    rivals = select_distinct(scene.body, fits, np.pi / config.n_headings)[1:]
+    best = min(best, fits[0], key=lambda fit: fit.cost)
+    if best.misfit > _HOPELESS:
         raise StartError(
-            "no standing or walking person was found in the first frames (registration error "
-            f"{best.registration_error:.2f}; expected less than {limit})"
+            "no standing or walking person was found in the first frames (misfit "
+            f"{best.misfit:.2f}; expected less than {_HOPELESS})"
         )
-    return _build_start(best, scene.body, clouds, config)
-
-
-def _build_start(
-    best: Attempt, template: BodyModel, clouds: Sequence[Cloud], config: StartConfig
-) -> Start:
     seen = float(np.median([np.ptp(cloud.heights) for cloud in clouds]))
-    shape, poses = best.fit.found[0].shape, best.fit.poses
-    girth = float(np.exp(shape[:2].sum())) * stature(template) / seen
-    model = ShapeModel(template, config.shape.prior)
-    body = model.body(shape)
-    return Start(body, poses[0], poses, best.registration_error, best.rival, seen, girth, config)
+    girth = float(np.exp(best.shape[:2].sum())) * stature(scene.body) / seen
+    rival = rivals[0].cost / fits[0].cost if rivals else np.inf
+    return Start(search.model.body(best.shape), best.poses[0], rival, seen, girth)
 
 
 def _select_observations(
-    scene: Scene, voxels: Sequence[AnyVoxels], every: int, config: StartConfig
+    scene: Scene, voxels: Sequence[AnyVoxels]
 ) -> tuple[Sequence[AnyVoxels], list[Cloud]]:
-    """Return the voxels for the trackers, up to the frame in which the person leaves, and the
-    person's points in every `every`-th of them; both restricted to the part of the person that the
-    scene's body models."""
-    people = _find_people(voxels[::every], config)
-    voxels = voxels[: (len(people) - 1) * every + 1]
-    margin = config.search.part_margin
+    """Return the voxels up to the frame in which the person leaves, and the person's points in
+    them; both restricted to the part of the person that the scene's body models."""
+    people = [select_person_points(of.grid, of.cloud().indices) for of in voxels]
+    shown = [len(points) >= LEAST_VOXELS for points in people]
+    if not shown[0]:
+        later = "; a person appears later" if any(shown) else ""
+        raise StartError(
+            f"no person is in the first frame: {len(people[0])} surface voxels of "
+            f"{voxels[0].grid.voxel_size:g} m; expected at least {LEAST_VOXELS} of a person{later}"
+        )
+    voxels = voxels[: [*shown, False].index(False)]
     part = (
-        -np.inf if has_feet(scene.body) else HIP_SHARE - margin,
-        np.inf if has_head(scene.body) else HIP_SHARE + margin,
+        -np.inf if has_feet(scene.body) else HIP_SHARE - _PART_MARGIN,
+        np.inf if has_head(scene.body) else HIP_SHARE + _PART_MARGIN,
     )
-    clouds = [Cloud(points, config.shape, part) for points in people]
+    clouds = [Cloud(points, part) for points, _ in zip(people, voxels, strict=False)]
     if is_whole(scene.body):
         return voxels, clouds
     low, high = np.median([cloud.heights for cloud in clouds], 0)
@@ -107,122 +124,195 @@ def _select_observations(
     return [cut_by_height(scene.device, frame, *ends) for frame in voxels], clouds
 
 
-@dataclass(frozen=True, eq=False)
-class Fit:
-    """Hypotheses of one shape in all fitted frames. cost: their mean, higher if the person does not
-    look in the direction of motion."""
+class _Search:
+    """Searches of the frames of a start for a person of unknown size and pose.
 
-    found: list[Hypothesis]
-    cost: float
+    best_frame: the one that the last body that was followed fits best.
+    """
 
-    @property
-    def poses(self) -> np.ndarray:
-        """Poses (M, D) of the hypotheses."""
-        return np.array([h.pose for h in self.found])
-
-
-class _Fitting:
-    """`fitting(hypothesis, anchor)`: tracks the body from a hypothesis in the fitted frame `anchor`
-    to both ends, and fits its shape to all frames."""
+    config: FilterConfig
+    progress: Callable[[], object]
 
     def __init__(
         self,
-        search: PoseSearch,
+        scene: Scene,
         voxels: Sequence[AnyVoxels],
-        every: int,
         clouds: Sequence[Cloud],
-        tracking: FilterConfig,
-        progress: Callable[[], object] | None,
+        height: float | None,
+        keep_shape: bool,
     ) -> None:
-        self.search, self.clouds, self.fitted = search, clouds, voxels[::every]
-        self._voxels, self._every, self._tracking = voxels, every, tracking
-        self._progress = progress or (lambda: None)
+        self.model, self._voxels, self._clouds = ShapeModel(scene.body), voxels, clouds
+        self._height = None if keep_shape else height
+        self._free = np.full(len(self.model.deviation), not keep_shape)
+        self._way = (np.median(clouds[-1].points, 0) - np.median(clouds[0].points, 0))[:2]
+        self._trackers = Trackers(scene)
+        self.best_frame = 0
 
-    def limbs(self, hypothesis: Hypothesis, anchor: int) -> Hypothesis:
-        """Return the hypothesis with its limbs searched for in frame `anchor`."""
-        self._progress()
-        return self.search.search_limbs(self.fitted[anchor], self.clouds[anchor], hypothesis)
+    def try_headings(self, config: StartConfig) -> tuple[int, list[Hypothesis]]:
+        """Return the frame in which the search over all headings fits best, and its best hypotheses
+        with different headings, of one pose each."""
+        headings = np.arange(config.n_headings) * 2 * np.pi / config.n_headings
+        wide = self.config.with_changes(noise=1.0, trunk_layers=0)
+        tried = {round(k) for k in np.linspace(0, len(self._clouds) - 1, config.n_searched)}
+        best: dict[int, list[Hypothesis]] = {}
+        for frame in sorted(tried):
+            cloud, shape = self._clouds[frame], np.zeros(len(self._free))
+            if self._free.any():
+                shape[0] = np.log((self._height or np.ptp(cloud.heights)) / stature(self.body))
+            body = self.model.body(shape)
+            tracker = self._trackers(loosen(body, np.pi / config.n_headings), wide)
+            found = []
+            for heading in headings:
+                tracker.start(standing_pose(body, cloud, heading))
+                found.append(self._judge(shape, [tracker.step(self._voxels[frame])]))
+                self.progress()
+            distinct = select_distinct(self.body, found, 2 * np.pi / config.n_headings)
+            close = [each for each in distinct if each.cost <= _CLOSE * distinct[0].cost]
+            best[frame] = close[: config.n_kept]
+        anchor = min(best, key=lambda frame: best[frame][0].cost)
+        return anchor, best[anchor]
 
-    def __call__(self, found: Hypothesis, anchor: int) -> Fit:
-        search = self.search
-        poses = self._track_both_ways(search.model.body(found.shape), found.pose, anchor)
-        fitted = fit_shape(
-            search.template, self.clouds, found.shape, poses, search.task.height,
-            config=search.config.shape, free=None if search.free else (),
-        )  # fmt: skip
-        return self._search_near(*fitted)
+    def search_limbs(self, found: Hypothesis, frame: int) -> Hypothesis:
+        """Return the hypothesis with one pose, in `frame`, after a search for one limb after the
+        other, from where it is and from rest."""
+        body, wide = self.model.body(found.shape), self.config.with_changes(noise=1.0)
+        pose = found.poses[frame if len(found.poses) > 1 else 0]
+        loose = loosen(body, 0.0)
+        best: Hypothesis | None = None
+        for limb in limb_masks(body):
+            tracker = self._trackers(replace(body, sigma=np.where(limb, loose.sigma, 0.0)), wide)
+            for start in (pose, np.where(limb, body.rest_pose, pose)):
+                tracker.start(start)
+                tried = self._judge(found.shape, [tracker.step(self._voxels[frame])])
+                best = min(best or tried, tried, key=lambda each: each.cost)
+                self.progress()
+            pose = best.poses[0] if best else pose
+        return best or found
 
-    def _search_near(self, shape: np.ndarray, poses: np.ndarray) -> Fit:
-        """Return poses near these, and their costs."""
-        search, found = self.search, []
-        for pose, voxels, cloud in zip(poses, self.fitted, self.clouds, strict=True):
-            self._progress()
-            found.append(search.search_near(voxels, cloud, shape, pose))
-        found_poses = np.array([h.pose for h in found])
-        ahead = search.walking_factor(search.model.body(shape), found_poses)
-        return Fit(found, float(np.mean([h.cost for h in found])) * ahead)
-
-    def _track_both_ways(self, body: BodyModel, pose: np.ndarray, anchor: int) -> np.ndarray:
-        """Return poses (M, D), tracked from the one in frame `anchor` to both ends."""
-        search, every = self.search, self._every
-        poses = np.tile(pose, (len(self._voxels), 1))
-        for order in (range(anchor * every, len(poses)), range(anchor * every, -1, -1)):
-            tracker = search.trackers(body, self._tracking)
+    def follow(self, found: Hypothesis, anchor: int) -> Hypothesis:
+        """Track the body of a hypothesis from frame `anchor` to both ends, and fit its shape to all
+        frames."""
+        estimates = self._track_both_ways(self.search_limbs(found, anchor), anchor)
+        poses = np.stack([estimate.pose for estimate in estimates])
+        fitted = Fitted(found.shape, poses)
+        evidence = SurfaceEvidence(self._clouds)
+        fitted = fit_body(self.model, evidence, fitted, free=self._free, height=self._height)
+        tracker = self._trackers(self.model.body(fitted.shape), self.config)
+        estimates = []
+        for pose, voxels in zip(fitted.poses, self._voxels, strict=True):
             tracker.start(pose)
-            for k in order:
-                self._progress()
-                poses[k] = tracker.step(self._voxels[k]).pose
-        return poses[::every]
+            estimates.append(tracker.step(voxels))
+            self.progress()
+        self.best_frame = int(np.argmin([of.least_error[-1] for of in estimates]))
+        return self._judge(fitted.shape, estimates)
 
+    def _track_both_ways(self, found: Hypothesis, anchor: int) -> list[Estimate]:
+        """Return the estimates of all frames."""
+        pose = found.poses[anchor if len(found.poses) > 1 else 0]
+        tracker = self._trackers(self.model.body(found.shape), self.config)
+        estimates: dict[int, Estimate] = {}
+        for order in (range(anchor, len(self._voxels)), range(anchor, -1, -1)):
+            tracker.start(pose)
+            for frame in order:
+                estimates[frame] = tracker.step(self._voxels[frame])
+                self.progress()
+        return [estimates[frame] for frame in sorted(estimates)]
 
-@dataclass(frozen=True, eq=False)
-class Attempt:
-    """The result of one attempt; rival: see `Start`."""
-
-    fit: Fit
-    rival: float
+    def _judge(self, shape: np.ndarray, estimates: Sequence[Estimate]) -> Hypothesis:
+        """Return the hypothesis of these estimates."""
+        poses = np.stack([estimate.pose for estimate in estimates])
+        error = float(np.mean([estimate.least_error[-1] for estimate in estimates]))
+        misfit = float(np.mean([estimate.misfit for estimate in estimates]))
+        cost = error * misfit**_MISFIT_POWER * walking_factor(self.body, poses, self._way)
+        return Hypothesis(shape, poses, misfit, cost)
 
     @property
-    def registration_error(self) -> float:
-        return float(np.mean([h.registration_error for h in self.fit.found]))
+    def body(self) -> BodyModel:
+        """The template."""
+        return self.model.template
 
 
-def run_attempt(fitting: _Fitting) -> Attempt:
-    search, headings = fitting.search, fitting.search.config.headings
-    anchor, hypotheses = _find_best_frame(search, fitting.fitted, fitting.clouds)
-    likely = select_close(hypotheses, headings.max_first_ratio)
-    found = search.distinct([fitting.limbs(h, anchor) for h in likely], headings.n_kept)
-    fits = sorted((fitting(h, anchor) for h in search.close(found)), key=lambda fit: fit.cost)
-    costs = [h.cost for h in fits[0].found]
-    best = int(np.argmin(costs))
-    again = fitting(fitting.limbs(fits[0].found[best], best), best)  # the body is known better now
-    if len(fits) > 1:  # some may have reached the same heading
-        found = search.distinct([replace(fit.found[0], cost=fit.cost) for fit in fits], 2)
-    rival = found[1].cost / found[0].cost if len(found) > 1 else np.inf
-    return Attempt(min(again, fits[0], key=lambda fit: fit.cost), rival)
+def standing_pose(body: BodyModel, cloud: Cloud, heading: float) -> np.ndarray:
+    """Return the rest pose (D,) in the middle of the cloud, the feet at its lowest point; for a
+    body without feet the highest points coincide."""
+    low, high = cloud.heights
+    middle = np.median(cloud.points, 0)
+    pose = body.rest_pose.copy()
+    cones = posed_cones(body, pose[None])[0]
+    rise = low - lowest_point(cones) if has_feet(body) else high - highest_point(cones)
+    root = {axis.kind: axis for axis in body.bones[0].axes}
+    for kind, value in (("tx", middle[0]), ("ty", middle[1]), ("rz", heading)):
+        pose[root[kind].dof] = root[kind].sign * value
+    pose[root["tz"].dof] += root["tz"].sign * rise
+    return pose
 
 
-def _find_people(voxels: Sequence[AnyVoxels], config: StartConfig) -> list[np.ndarray]:
-    """Return the person's points (N, 3) m in each frame, up to the first frame without a person.
-    Raises StartError if that is the first one."""
-    least = config.frames.min_voxels
-    people = [select_person_points(v.grid, v.cloud().indices, config.frames) for v in voxels]
-    shown = [len(points) >= least for points in people]
-    if not shown[0]:
-        later = "; a person appears later" if any(shown) else ""
-        raise StartError(
-            f"no person is in the first frame: {len(people[0])} surface voxels of "
-            f"{voxels[0].grid.voxel_size:g} m; expected at least {least} of a person{later}"
-        )
-    return people[: [*shown, False].index(False)]
+def highest_point(cones: np.ndarray) -> float:
+    """Return the z, m, of the highest point of posed cones (C, 16)."""
+    return float(max((cones[:, 2] + cones[:, 3]).max(), (cones[:, 6] + cones[:, 7]).max()))
 
 
-def _find_best_frame(
-    search: PoseSearch, voxels: Sequence[AnyVoxels], clouds: Sequence[Cloud]
-) -> tuple[int, list[Hypothesis]]:
-    """Return the frame in which the search fits best, and its hypotheses."""
-    n_searched = search.config.frames.n_searched
-    tried = sorted({round(k) for k in np.linspace(0, len(clouds) - 1, n_searched)})
-    found = {k: search(voxels[k], clouds[k]) for k in tried}
-    best = min(tried, key=lambda k: found[k][0].cost)
-    return best, found[best]
+def loosen(body: BodyModel, heading: float) -> BodyModel:
+    """Return `body` with the standard deviations of a search without a known pose; heading: that of
+    the root about z, rad."""
+    sigma = np.where(inner_axes(body), _BEND * (body.upper - body.lower), _PLACE)
+    for axis in body.bones[0].axes:
+        if axis.kind[0] == "r":
+            sigma[axis.dof] = heading if axis.kind == "rz" else _TILT
+    return replace(body, sigma=np.where(np.isfinite(sigma), sigma, np.pi))
+
+
+def select_distinct(
+    template: BodyModel, hypotheses: Sequence[Hypothesis], separation: float
+) -> list[Hypothesis]:
+    """Return the hypotheses, best first, whose headings in their first frame differ by about
+    `separation`, rad, or more from those of better ones."""
+    kept: list[Hypothesis] = []
+    for hypothesis in sorted(hypotheses, key=lambda h: h.cost):
+        ahead = forward(template, hypothesis.poses[0])
+        others = [ahead @ forward(template, other.poses[0]) for other in kept]
+        if all(cosine < np.cos(separation) for cosine in others):
+            kept.append(hypothesis)
+    return kept
+
+
+def forward(body: BodyModel, pose: np.ndarray) -> np.ndarray:
+    """Return the (2,) horizontal direction, of length 1, in which the root's x axis points."""
+    direction = bone_matrices(body, pose[None])[0][0, 0, :2, 0]
+    return direction / np.linalg.norm(direction)
+
+
+def walking_factor(body: BodyModel, poses: np.ndarray, way: np.ndarray) -> float:
+    """Return the cost factor of poses (M, D) of a person who moves by `way` (2,) m: 1 if the person
+    faces the direction of motion or hardly moves, higher if they move sideways or backwards."""
+    length = float(np.linalg.norm(way))
+    if length < _LEAST_WAY:
+        return 1.0
+    ahead = np.mean([forward(body, pose) for pose in poses], 0) @ way / length
+    return 1 + _BACKWARDS * (1 - float(ahead)) / 2
+
+
+class Trackers:
+    """`trackers(body, config)`: returns a tracker with these settings for a body of the template's
+    structure.
+
+    A start tries several bodies, and making a tracker takes as long as several of its steps. So
+    there is one tracker for each set of settings, and it is given the next body. A tracker is valid
+    until the next call with the same settings; call its `start` first.
+    """
+
+    def __init__(self, scene: Scene) -> None:
+        self._scene = scene
+        self._kept: dict[FilterConfig, DeviceTracker] = {}
+
+    def __call__(self, body: BodyModel, config: FilterConfig) -> Tracker:
+        """Return the tracker of `body` with the settings `config`."""
+        kept = self._kept.get(config)
+        if kept is not None:
+            if kept.body is not body:
+                kept.change_body(body)
+            return kept
+        tracker = make_filter(replace(self._scene, body=body), config)
+        if isinstance(tracker, DeviceTracker):  # making a NumPy twin takes no time
+            self._kept[config] = tracker
+        return tracker

@@ -1,28 +1,36 @@
-"""Fit a body's scales and poses to points of it that are seen in space or in pictures.
+"""Fit a body's scales and poses to what is observed of it, by least squares.
 
 The unknowns are the poses of M frames and, shared by all frames, the scales of a `ShapeModel` and
-the places of the points on the body. The poses are eliminated frame by frame (Schur complement,
-Triggs et al. 2000). Networks and models err alike in all frames: together the frames count as
-`_INDEPENDENT_FRAMES` observations of what they share.
+the places of observed points on the body. Every kind of evidence adds residuals with their slopes;
+the poses are eliminated frame by frame (Schur complement, Triggs et al. 2000). Evidence of any kind
+errs alike in all frames, since people are no cones and networks have habits of their own: together
+the frames count as `_INDEPENDENT_FRAMES` observations of what they share.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Protocol
 
 import numpy as np
+import scipy
 
-from apf.body.jacobian import bone_point_jacobian
-from apf.body.kinematics import bone_matrices
-from apf.body.model import sideless
-from apf.body.stature import stature
-from apf.initialisation.config import ShapePrior
+from apf.body.cones import cone_normals
+from apf.body.jacobian import bone_point_jacobian, point_jacobian
+from apf.body.kinematics import bone_matrices, posed_cones
+from apf.body.model import BodyModel, sideless
+from apf.body.stature import ankle_cones, stature
 from apf.initialisation.shape_model import (
     ShapeModel,
     inner_axes,
+    nearest_coordinates,
+    place_points,
+    surface_displacements,
+    surface_samples,
 )
 from psfs.cameras.camera import CameraRig
+from psfs.common.cones import cone_distances, dot
 from psfs.common.least_squares import (
     REACH,
     Parameters,
@@ -34,14 +42,40 @@ from psfs.common.least_squares import (
 )
 from psfs.common.progress import one_blas_thread
 
-#: Independent frames.
-_INDEPENDENT_FRAMES = 2.0
+#: Independent frames, and independent distances of a frame's surface voxels and of its body.
+_INDEPENDENT_FRAMES, _INDEPENDENT_DISTANCES = 2.0, 20.0
+#: Least standard deviation, m, of a distance: half a voxel.
+_LEAST_NOISE = 0.01
+#: Points of a cloud that are compared with the body, and distance, m, between those on the body.
+_CLOUD_POINTS, _SPACING = 400, 0.08
+#: Heights, m, of somebody's lowest voxels who stands on the floor, z = 0: feet and shins may be
+#: missing in silhouettes, which say little of shoes, and hulls are thicker than people.
+_STANDING = (-0.1, 0.3)
+#: Standard deviation, m, of the height of a standing foot's ankle; height of a foot at which it
+#: counts a quarter.
+_ANKLE, _LIFTED = 0.012, 0.1
 #: Standard deviation, m, of a known stature; rad, of an angle from rest.
 _STATURE, _ANGLE = 0.001, 1.0
-#: Standard deviations of the logs of scales. Size: children, too. Lengths beside the size: those of
-#: adults of one stature vary by 3 to 4 % (Gordon et al. 2014, ANSUR II), the size itself is as
-#: uncertain.
-PRIOR = ShapePrior(size=0.15, length=0.06)
+
+
+class Cloud:
+    """Points of one frame's surface, evenly thinned, (n, 3) m, and a search tree of all of them.
+
+    on_floor: whether the person stands on the floor, z = 0. heights: z, m, of the lowest and the
+    highest point of the whole person; the floor's, if they stand on it. part: the range of heights,
+    as shares, whose points are kept, for a body that models only that part of the person.
+    """
+
+    def __init__(self, points: np.ndarray, part: tuple[float, float] = (-np.inf, np.inf)) -> None:
+        low, high = points[:, 2].min(), points[:, 2].max()
+        self.on_floor = bool(_STANDING[0] < low < _STANDING[1])
+        low = 0.0 if self.on_floor else low
+        self.heights = float(low), float(high)
+        share = (points[:, 2] - low) / max(high - low, 1e-9)
+        points = points[(share >= part[0]) & (share <= part[1])]
+        n = min(_CLOUD_POINTS, len(points))
+        self.tree = scipy.spatial.cKDTree(points)
+        self.points = points[np.arange(n) * len(points) // n]
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,9 +92,17 @@ class Fitted:
         return {"shape": self.shape[None], "poses": self.poses, "offsets": self.offsets}
 
 
+class Evidence(Protocol):
+    """What is observed of a body in M frames."""
+
+    def residuals(self, model: ShapeModel, at: Fitted) -> list[Residuals]:
+        """Return the residuals of a fit, with slopes by the blocks of `Fitted.parameters`."""
+        ...
+
+
 def fit_body(
     model: ShapeModel,
-    evidence: PointEvidence,
+    evidence: Evidence,
     start: Fitted,
     *,
     free: np.ndarray,
@@ -89,7 +131,8 @@ def fit_body(
             miss, sigma = measure_stature(at["shape"]) - height, share * _STATURE
             by_shape = [Slope("shape", np.zeros(1, int), slope)]
             found.append(Residuals(miss, by_shape, sigma=sigma, robust=False))
-        found.append(prior("offsets", at["offsets"], share * evidence.spread))
+        if isinstance(evidence, PointEvidence):
+            found.append(prior("offsets", at["offsets"], share * evidence.spread))
         return found
 
     def move(at: Parameters, step: Parameters) -> Parameters:
@@ -103,6 +146,92 @@ def fit_body(
         )  # fmt: skip
     found = solution.parameters
     return Fitted(found["shape"][0], found["poses"], found["offsets"])
+
+
+@dataclass(frozen=True, eq=False)
+class SurfaceEvidence:
+    """The clouds of M frames: their points touch the body, and its surface touches them."""
+
+    clouds: Sequence[Cloud]
+
+    def residuals(self, model: ShapeModel, at: Fitted) -> list[Residuals]:
+        body = model.body(at.shape)
+        cones = posed_cones(body, at.poses)
+        growths = model.growths(body, at.poses, cones)
+        frames, weights, rows = [], [], list[tuple[np.ndarray, np.ndarray, np.ndarray]]()
+        for frame, (cloud, pose, mine) in enumerate(zip(self.clouds, at.poses, cones, strict=True)):
+            cone, coordinates, target, share = find_contacts(model.template, cloud, mine)
+            here = place_points(mine[cone], coordinates)
+            normal = cone_normals(here, mine[cone])
+            normal /= np.maximum(np.sqrt(dot(normal, normal)), 1e-9)[:, None]
+            by_pose = point_jacobian(body, pose, cone, here, normal)
+            by_shape = surface_displacements(mine, growths[frame], cone, coordinates, normal)
+            rows.append((dot(normal, here - target), by_pose.T, by_shape.T))
+            frames.append(np.full(len(cone), frame))
+            weights.append(_INDEPENDENT_DISTANCES * share)
+        touching = _stack(np.concatenate(frames), rows, weights=np.concatenate(weights))
+        return [touching, *self._stand(body, at.poses, cones, growths)]
+
+    def _stand(
+        self, body: BodyModel, poses: np.ndarray, cones: np.ndarray, growths: np.ndarray
+    ) -> list[Residuals]:
+        """Return the heights of the lower ankles of who stands above those of an upright body."""
+        ankles = ankle_cones(body)
+        standing = np.flatnonzero([cloud.on_floor for cloud in self.clouds] if ankles else [])
+        rows = []
+        for frame in standing:
+            above = {c: cones[frame, c, 6] - height for c, height in ankles.items()}
+            lower = np.array([min(above, key=lambda c: above[c])])
+            up, end = np.array([[0.0, 0.0, 1.0]]), cones[frame, lower, 4:7]
+            by_pose = point_jacobian(body, poses[frame], lower, end, up)
+            heights = np.array([above[lower[0]]])
+            rows.append((heights, by_pose.T, growths[frame, :, lower, 6]))
+        sigma = _LIFTED / REACH
+        return [_stack(standing, rows, sigma=sigma, weights=(sigma / _ANKLE) ** 2)] if rows else []
+
+
+def _stack(
+    frames: np.ndarray,
+    rows: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]],
+    *,
+    weights: np.ndarray | float,
+    sigma: float | None = None,
+) -> Residuals:
+    """Return the residuals of rows of some frames: values, derivatives by pose and by scales."""
+    values, by_pose, by_shape = (np.concatenate(of) for of in zip(*rows, strict=True))
+    slopes = [
+        Slope("poses", frames, by_pose[:, None]),
+        Slope("shape", np.zeros(len(values), int), by_shape[:, None]),
+    ]
+    return Residuals(values, slopes, sigma=sigma, weights=weights, least=_LEAST_NOISE)
+
+
+def find_contacts(
+    template: BodyModel, cloud: Cloud, cones: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Pair surface voxels with the nearest of the posed cones (C, 16), and the free surface of the
+    cones with the nearest voxel.
+
+    Return the cone (K,) of each pair, the coordinates (K, 4) on it, see `place_points`, the voxel
+    (K, 3) m, NaN for points of the body's surface that are not free, and the share (K,) of the
+    cloud or of the body's surface that it stands for.
+    """
+    points = cloud.points
+    nearest = np.abs(cone_distances(points, cones)).argmin(1)
+    there = nearest_coordinates(points, cones[nearest])
+    cone, coordinates = surface_samples(template, _SPACING)
+    own = place_points(cones[cone], coordinates)
+    depth = cone_distances(own, cones)
+    depth[np.arange(len(cone)), cone] = np.inf
+    free = depth.min(1) > 0
+    target = np.where(free[:, None], cloud.tree.data[cloud.tree.query(own)[1]], np.nan)
+    counts = len(points), max(1, np.count_nonzero(free))
+    return (
+        np.concatenate([nearest, cone]),
+        np.concatenate([there, coordinates]),
+        np.concatenate([points, target]),
+        np.repeat(1 / np.array(counts), [len(points), len(target)]),
+    )
 
 
 @dataclass(frozen=True, eq=False)

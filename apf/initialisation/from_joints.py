@@ -11,7 +11,7 @@ from apf.body.limbs import limb_chains
 from apf.body.model import BodyModel
 from apf.body.schema import TALLEST
 from apf.formats.pose import FARTHEST
-from apf.initialisation.body_fit import PRIOR, Fitted, PointEvidence, fit_body
+from apf.initialisation.body_fit import Fitted, PointEvidence, fit_body
 from apf.initialisation.shape_model import ShapeModel
 from cl import InputError
 from psfs.cameras.names import join_names
@@ -52,7 +52,7 @@ def fit_to_joints(
         noise=_NOISE,
         robust=False,
     )
-    model = ShapeModel(body, PRIOR)
+    model = ShapeModel(body)
     start = stand_at_points(model, evidence, scaled=True)
     found = fit_body(model, evidence, start, free=model.moves_points, steps=100)
     fitted = model.body(found.shape)

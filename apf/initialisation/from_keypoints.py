@@ -8,7 +8,7 @@ import numpy as np
 import scipy
 
 from apf.body.model import BodyModel
-from apf.initialisation.body_fit import PRIOR, Fitted, PointEvidence, fit_body
+from apf.initialisation.body_fit import Fitted, PointEvidence, fit_body
 from apf.initialisation.from_joints import stand_at_points
 from apf.initialisation.shape_model import ShapeModel
 from apf.initialisation.start import StartError
@@ -95,7 +95,7 @@ def start_from_keypoints(
         points.bones, points.offsets, points.partners, points.spreads, places, rig=rig,
         errors=np.where(known, first, np.inf),
     )  # fmt: skip
-    model = ShapeModel(template, PRIOR)
+    model = ShapeModel(template)
     free = model.moves_points & (not keep_shape)
     fit = stand_at_points(model, evidence, scaled=not keep_shape)
     fit = fit_body(model, evidence, fit, free=free & False, steps=_STEPS)
@@ -126,7 +126,7 @@ def fit_pose_to_points(
     places = _triangulate(rig, seen)
     if np.isfinite(places).all(-1).sum() < _LEAST_POINTS:
         return None
-    model, held = ShapeModel(body, PRIOR), np.arange(n_points)
+    model, held = ShapeModel(body), np.arange(n_points)
     evidence = PointEvidence(
         observations.bone, observations.position, held, np.full(n_points, 1e-3), places, rig=rig,
         errors=errors,

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy
 
-from apf.initialisation.config import FrameChoice
 from apf.likelihood.observations import AnyVoxels
 from cl import Array, Device, Launch, NumpyDevice
 from cl.staging import Upload
@@ -61,6 +60,11 @@ def store_voxels(device: Device | NumpyDevice, voxels: AnyVoxels) -> StoredVoxel
     return StoredVoxels(device, voxels.cloud(), kept(voxels.evidence), kept(voxels.pictures()))
 
 
+#: Fewest surface voxels that can be a person.
+LEAST_VOXELS = 200
+#: Share of the largest connected part below which another one is debris, unless it is within so
+#: many m of it on the floor.
+_LEAST_PART, _BESIDE = 0.05, 0.15
 #: Margin around the foreground that is kept, as share of the images' larger side; a body that fits
 #: does not reach farther.
 _MARGIN = 0.05
@@ -186,25 +190,21 @@ def cut_by_height(
     return StoredVoxels(device, parts, voxels.evidence, voxels.pictures())
 
 
-def shows_somebody(voxels: AnyVoxels, config: FrameChoice | None = None) -> bool:
+def shows_somebody(voxels: AnyVoxels) -> bool:
     """Return whether a frame has enough surface voxels to be of a person."""
-    config = config or FrameChoice()
-    return len(voxels.cloud().indices) >= config.min_voxels
+    return len(voxels.cloud().indices) >= LEAST_VOXELS
 
 
-def select_person_points(
-    grid: VoxelGrid, indices: np.ndarray, config: FrameChoice | None = None
-) -> np.ndarray:
+def select_person_points(grid: VoxelGrid, indices: np.ndarray) -> np.ndarray:
     """Return the centres (N, 3) m of the person's voxels: the largest connected component, other
-    components too large to be debris, and smaller ones close to these on the floor, such as a head
-    whose neck is missing in the silhouettes, or feet whose calves are."""
-    config = config or FrameChoice()
+    components too large to be debris, and those close to these on the floor, such as a head whose
+    neck is missing in the silhouettes, or feet whose calves are."""
     parts = split_regions(np.sort(indices), grid.shape)
     if not parts:
         return np.zeros((0, 3))
-    large = [part for part in parts if len(part) >= config.min_part * len(parts[0])]
-    small = [p for p in parts[len(large) :] if len(p) >= config.min_near_part * len(parts[0])]
+    large = [part for part in parts if len(part) >= _LEAST_PART * len(parts[0])]
+    small = parts[len(large) :]
     if small:
         tree = scipy.spatial.cKDTree(grid.centres(np.concatenate(large))[:, :2])
-        large += [p for p in small if tree.query(grid.centres(p)[:, :2])[0].min() < config.near]
+        large += [p for p in small if tree.query(grid.centres(p)[:, :2])[0].min() < _BESIDE]
     return grid.centres(np.sort(np.concatenate(large)))

@@ -22,20 +22,20 @@ import numpy as np
 from apf.body.jacobian import bone_point_jacobian, point_jacobian, world_axes
 from apf.body.kinematics import bone_matrices, cross, posed_cones, posed_joints
 from apf.body.model import BodyModel, Bone, Cone, Joint, sideless
-from apf.initialisation.shape_model import place_points, surface_displacements
+from apf.initialisation.shape_model import SPREAD, place_points, surface_displacements
 from psfs.cameras.camera import CameraRig
 from psfs.common.least_squares import REACH, robust_weights
 from psfs.common.numbers import pick_evenly
 
-#: Standard deviations of a person's measures around the tracked body. Logs of lengths: those of
-#: adults of one stature vary by 3 to 4 % (Gordon et al. 2014, ANSUR II), the stature itself is as
-#: uncertain. Joints in the flesh, m: hinges are felt through the skin, within 10 mm; regressions
-#: from bony marks miss the centres of balls by 15 to 25 mm (Leardini et al. 1999). By hand: ends of
-#: cones, m, logs of their radii, and distance of the surface from them as a share of the radius;
-#: people are no cones, and hulls are thicker than they.
+#: Standard deviations of a person's measures around the tracked body; lengths as in a start. Joints
+#: in the flesh, m: hinges are felt through the skin, within 10 mm; regressions from bony marks miss
+#: the centres of balls by 15 to 25 mm (Leardini et al. 1999). By hand: ends of cones, m, logs of
+#: their radii, and distance of the surface from them as a share of the radius; people are no cones,
+#: and hulls are thicker than they.
 _SPREAD = {
-    "length": 0.06, "hinge": 0.01, "ball": 0.025, "end": 0.01, "radius": 0.15, "surface": 0.15
-}  # fmt: skip
+    "length": SPREAD["length"],
+    **{"hinge": 0.01, "ball": 0.025, "end": 0.01, "radius": 0.15, "surface": 0.15},
+}
 #: Standard deviation, rad or m, around the tracked pose where there is no posture prior.
 _FREE = 3.0
 #: Accuracy, m, of a cone's outline, and number of neighbouring rays that share one error.

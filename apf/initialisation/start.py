@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
 from apf.body.model import BodyModel
 from apf.body.stature import stature
-from apf.initialisation.config import StartConfig
+from apf.initialisation.shape_model import SPREAD
 from cl import InputError
+
+#: Factor of the cost below which a start with another heading makes this one doubtful.
+_RIVAL = 1.1
+#: Standard deviations of people's girth beyond which hardly anybody stands or walks.
+_STOUT = 3.0
 
 
 class StartError(InputError):
@@ -18,32 +23,27 @@ class StartError(InputError):
 
 @dataclass(frozen=True, eq=False)
 class Start:
-    """A body and its pose in the first frames.
+    """A body and its pose in the first frame.
 
-    body: the template in the person's size. pose: (D,) in the first frame. poses: (M, D) in all
-    fitted frames. registration_error: its mean over these, 0 is perfect, see
-    `pose_search.registration_error`. rival: cost of the best hypothesis with another heading,
-    divided by that of this one; infinite if there is none. seen: m, height of the visible part of
-    the person. girth: thickness of the body relative to that height; that of the upright template
-    is 1.
+    body: the template in the person's size. pose: (D,). rival: cost of the best start with another
+    heading, divided by that of this one; infinite if there is none. seen: m, height of the visible
+    part of the person. girth: thickness of the body relative to that height; that of the upright
+    template is 1.
     """
 
     body: BodyModel
     pose: np.ndarray
-    poses: np.ndarray
-    registration_error: float
     rival: float
     seen: float
     girth: float
-    config: StartConfig = field(default_factory=StartConfig)
 
     @property
     def doubts(self) -> list[str]:
         """Doubts about this start, a sentence each."""
         found = []
-        if self.rival < self.config.acceptance.rival:
+        if self.rival < _RIVAL:
             found.append("the heading is ambiguous: another one fits the voxels nearly as well")
-        if np.log(self.girth) > self.config.acceptance.stout * self.config.shape.prior.girth:
+        if np.log(self.girth) > _STOUT * SPREAD["girth"]:
             found.append(
                 f"the start fits badly: the visible part is {self.seen:.2f} m high and "
                 f"{self.girth:.1f} times as thick as people of that height who stand or walk; "

@@ -18,7 +18,7 @@ from apf.filters.method import Method
 from apf.filters.term_weights import list_comparing_weights
 from apf.initialisation.config import StartConfig
 from apf.initialisation.from_keypoints import KeypointStart, start_from_keypoints
-from apf.initialisation.kept_voxels import select_person_points
+from apf.initialisation.kept_voxels import LEAST_VOXELS, select_person_points
 from apf.initialisation.personal import Outlines
 from apf.initialisation.sequence import initialise
 from apf.initialisation.start import Start, StartError, check_startable
@@ -208,15 +208,15 @@ def rank_starts(session: Session, progress: Callable[[], object] | None = None) 
     as a start takes: whole, upright, and in the pictures of many cameras. Among about equal ones
     the earliest is first. Raises StartError if none of them shows anybody.
     """
-    config, frames = StartConfig().frames, session.frames
+    config, frames = StartConfig(), session.frames
     picked = np.array([frames[int(k)] for k in pick_evenly(len(frames), _LOOKS)])
     reconstruct = session.reconstructor(automatic_grid(session))
     views = np.zeros((len(picked), 3))  # voxels, height, cameras that see them
     with suppress(InputError), session.sequence.reader(learning=False) as read:
         for row, index in enumerate(picked):
             voxels = reconstruct(read(int(index)))
-            points = select_person_points(voxels.grid, voxels.cloud().indices, config)
-            if len(points) >= config.min_voxels:
+            points = select_person_points(voxels.grid, voxels.cloud().indices)
+            if len(points) >= LEAST_VOXELS:
                 inside = sum(camera.look_up(points)[0].mean() for camera in session.rig)
                 views[row] = len(points), np.ptp(points[:, 2]), inside
             if progress is not None:
@@ -225,7 +225,7 @@ def rank_starts(session: Session, progress: Callable[[], object] | None = None) 
     if not shown.any():
         raise StartError(
             f"nobody is seen in {len(picked)} frames spread over the take: fewer than "
-            f"{config.min_voxels} surface voxels in each; expected a person in view of all cameras "
+            f"{LEAST_VOXELS} surface voxels in each; expected a person in view of all cameras "
             f"for a second{', in the stated --volume' if session.sequence.volume else ''}"
         )
     quality = np.minimum(views / np.quantile(views[shown], 0.75, axis=0), 1).prod(1)

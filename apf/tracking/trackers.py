@@ -11,7 +11,6 @@ from apf.body.stature import has_head
 from apf.filters.base import Tracker
 from apf.filters.method import Method
 from apf.initialisation.automatic import find_start
-from apf.initialisation.config import AcceptanceConfig, StartConfig
 from apf.initialisation.from_keypoints import fit_pose_to_points
 from apf.initialisation.kept_voxels import shows_somebody, store_voxels
 from apf.initialisation.start import StartError
@@ -21,8 +20,6 @@ from apf.tracking.recovery import RETRY, RecoveringRuns, RecoveringTracker, Rest
 
 #: Factor of the noise in the searches for a lost person.
 _WIDER = 4.0
-#: Settings of the global search for a lost person: one attempt, because it is repeated soon.
-_ONE_ATTEMPT = StartConfig(acceptance=AcceptanceConfig(n_attempts=1))
 #: 2^64 divided by the golden ratio.
 _GOLDEN = 0x9E3779B97F4A7C15
 
@@ -77,10 +74,7 @@ def make_recovering_tracker(
             return []
         voxels = store_voxels(scene.device, cast(AnyVoxels, shown))
         try:
-            found = find_start(
-                scene, [voxels], search.noise, keep_shape=True,
-                seed=search.seed, config=_ONE_ATTEMPT,
-            )  # fmt: skip
+            found = find_start(scene, [voxels], search.noise, keep_shape=True, seed=search.seed)
         except StartError:
             return []  # nobody is there, or this body has no automatic start
         return [found.pose]

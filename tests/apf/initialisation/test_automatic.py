@@ -7,24 +7,20 @@ import pytest
 from helpers import bodies
 from helpers.scenes import ring
 
-import apf.initialisation.automatic as find
 from apf.body.kinematics import posed_cones, posed_joints
 from apf.body.model import BodyModel
 from apf.body.stature import lowest_point, stature
 from apf.body.toml import load_body
-from apf.initialisation.automatic import find_start
-from apf.initialisation.config import (
-    AcceptanceConfig,
-    ShapeFitConfig,
-    StandingConfig,
-    StartConfig,
-)
-from apf.initialisation.hypotheses import (
+from apf.initialisation.automatic import (
     Hypothesis,
-    registration_error,
+    find_start,
+    forward,
+    select_distinct,
+    standing_pose,
+    walking_factor,
 )
+from apf.initialisation.body_fit import Cloud, Fitted, SurfaceEvidence, fit_body
 from apf.initialisation.kept_voxels import StoredVoxels, select_person_points
-from apf.initialisation.shape_fit import Cloud, fit_shape
 from apf.initialisation.shape_model import ShapeModel, place_points, surface_samples
 from apf.initialisation.start import Start, StartError
 from apf.scene import Scene
@@ -53,6 +49,26 @@ def walking(body: BodyModel, n: int, seed: int = 3) -> np.ndarray:
     return poses
 
 
+def fit_shape(
+    clouds: list[Cloud], shape: np.ndarray, poses: np.ndarray, height: float | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Scales and poses that fit the clouds."""
+    model, free = ShapeModel(SONG), np.ones(len(shape), bool)
+    evidence, start = SurfaceEvidence(clouds), Fitted(shape, poses)
+    found = fit_body(model, evidence, start, free=free, height=height)
+    return found.shape, found.poses
+
+
+def test_growths_are_the_derivatives_by_the_scales() -> None:
+    model = ShapeModel(SONG)
+    shape, poses = np.random.default_rng(1).normal(0, 0.1, len(model.deviation)), walking(SONG, 2)
+    grown = [[model.body(shape + d) for d in (step, -step)] for step in 1e-5 * np.eye(len(shape))]
+    expected = [posed_cones(a, poses) - posed_cones(b, poses) for a, b in grown]
+    body = model.body(shape)
+    found = model.growths(body, poses, posed_cones(body, poses))
+    np.testing.assert_allclose(found, np.stack(expected, 1)[..., :8] / 2e-5, atol=1e-8)
+
+
 def test_fit_finds_size_lengths_and_girth() -> None:
     model = ShapeModel(SONG)
     true = np.random.default_rng(1).normal(0, 0.7 * model.deviation)
@@ -60,7 +76,7 @@ def test_fit_finds_size_lengths_and_girth() -> None:
     poses = walking(SONG, 4)
     clouds = [Cloud(surface(body, pose)) for pose in poses]
     rough = poses + np.random.default_rng(2).normal(0, 0.04, poses.shape)
-    shape, found = fit_shape(SONG, clouds, np.zeros(len(true)), rough)
+    shape, found = fit_shape(clouds, np.zeros(len(true)), rough)
     fitted = model.body(shape)
     start = np.linalg.norm(posed_joints(SONG, rough) - posed_joints(body, poses), axis=-1)
     error = np.linalg.norm(posed_joints(fitted, found) - posed_joints(body, poses), axis=-1)
@@ -75,7 +91,7 @@ def test_a_known_height_is_kept() -> None:
     cloud = Cloud(surface(SONG, pose[0]))
     zero = np.zeros(len(ShapeModel(SONG).deviation))
     for height in (1.7, 1.8):
-        shape, _ = fit_shape(SONG, [cloud], zero, pose, height)
+        shape, _ = fit_shape([cloud], zero, pose, height)
         assert stature(ShapeModel(SONG).body(shape)) == pytest.approx(height, abs=0.015)
 
 
@@ -92,34 +108,52 @@ def test_feet_that_silhouettes_lost_stand_on_the_floor() -> None:
         pose[up] -= lowest_point(posed_cones(body, pose[None])[0])
     seen = [surface(body, pose) for pose in poses]
     poses[:, up] += 0.1
-    statures = {}
-    for reach in (0.3, 0.0):
-        config = ShapeFitConfig(standing=StandingConfig(reach=reach))
-        clouds = [Cloud(points[points[:, 2] > 0.1], config) for points in seen]
-        start[0] = np.log(np.ptp(clouds[0].heights) / stature(SONG))
-        shape, _ = fit_shape(SONG, clouds, start, poses, config=config)
-        statures[reach] = stature(model.body(shape))
-    assert statures[0.3] == pytest.approx(height, abs=0.01)
-    assert statures[0.0] < height - 0.02
+    clouds = [Cloud(points[points[:, 2] > 0.1]) for points in seen]
+    start[0] = np.log(np.ptp(clouds[0].heights) / stature(SONG))
+    shape, _ = fit_shape(clouds, start, poses)
+    assert stature(model.body(shape)) == pytest.approx(height, abs=0.01)
 
 
-def test_registration_error_knows_front_and_back_and_contortions() -> None:
-    pose = walking(SONG, 1)[0]
-    cloud = Cloud(surface(SONG, pose))
-    turned = pose.copy()
-    turned[SONG.dof_names.index("pelvis.rz")] += np.pi
-    lost_arm = pose.copy()
-    lost_arm[SONG.dof_names.index("l_upper_arm.rx")] = 2.6
-    good = registration_error(SONG, pose, cloud)
-    assert good < 0.1
-    assert registration_error(SONG, turned, cloud) > good + 0.05
-    assert registration_error(SONG, lost_arm, cloud) > good + 0.03
+def test_nobody_stands_on_a_floor_far_below() -> None:
+    points = surface(SONG, SONG.rest_pose)
+    lowest = points[:, 2].min()
+    for above, stands in ((0.0, True), (0.25, True), (0.5, False), (-0.5, False)):
+        cloud = Cloud(points + np.array([0, 0, above - lowest]))
+        assert cloud.on_floor == stands
+        assert (cloud.heights[0] == 0.0) == stands
+
+
+def test_hypotheses_that_go_on_look_in_different_directions() -> None:
+    def looking(degrees: float, badly: float) -> Hypothesis:
+        pose = SONG.rest_pose.copy()
+        pose[SONG.dof_names.index("pelvis.rz")] = np.radians(degrees)
+        return Hypothesis(np.zeros(1), pose[None], 0.1, badly)
+
+    every = [looking(a, b) for a, b in ((0, 3), (20, 1), (190, 4), (150, 2), (250, 5))]
+    assert [h.cost for h in select_distinct(SONG, every, 0.8)] == [1, 2, 5]
+    np.testing.assert_allclose(forward(SONG, looking(90, 0).poses[0]), [0, 1], atol=1e-12)
+
+
+def test_people_look_where_they_go() -> None:
+    pose = SONG.rest_pose[None]  # looks along x
+    factors = [walking_factor(SONG, pose, np.array(way)) for way in ((0.5, 0), (0, 0.5), (-0.5, 0))]
+    assert pytest.approx(factors[0]) == 1 and factors[0] < factors[1] < factors[2]
+    assert walking_factor(SONG, pose, np.array([-0.1, 0.0])) == 1
+
+
+def test_standing_on_the_floor() -> None:
+    pose = SONG.rest_pose.copy()
+    pose[:3] += [2.0, -1.0, 0.6]
+    points = surface(SONG, pose)
+    stood = standing_pose(SONG, Cloud(points), np.pi / 3)
+    np.testing.assert_allclose(stood[:3], pose[:3], atol=0.06)
+    np.testing.assert_allclose(forward(SONG, stood), [0.5, np.sqrt(0.75)], atol=1e-9)
 
 
 def test_what_speaks_against_a_start() -> None:
     def start(girth: float, rival: float) -> Start:
         body, pose = SONG.scaled({}, girth), SONG.rest_pose
-        return Start(body, pose, pose[None], 0.3, rival, 1.3, girth)
+        return Start(body, pose, rival, 1.3, girth)
 
     assert start(1.0, np.inf).doubts == start(0.5, 1.5).doubts == start(1.4, 2.0).doubts == []
     (doubt,) = start(2.0, 1.5).doubts
@@ -147,29 +181,3 @@ def test_nobody_there() -> None:
     cloud = VoxelCloud(grid, np.arange(3, dtype=np.int32), np.ones(3, np.float32), None, 0.0)
     with pytest.raises(StartError, match=r"3 surface voxels of .* expected at least 200"):
         find_start(Scene(device, ring(), grid, SONG), [StoredVoxels(device, cloud)], 0.5)
-
-
-def test_a_start_that_fits_badly_is_looked_for_again(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Until one fits, or so many times; the best score counts."""
-    grid = VoxelGrid(np.zeros(3), 0.1, (16, 16, 16))
-    cloud = VoxelCloud(grid, np.arange(400, dtype=np.int32), np.ones(400, np.float32), None, 0.0)
-    shown, shape = [StoredVoxels(Device.best(), cloud)], np.zeros(len(ShapeModel(SONG).deviation))
-
-    def found(*errors: float, attempts: int = 3) -> tuple[float, int]:
-        left = list(errors)
-
-        def attempt(_: object) -> object:
-            error = left.pop(0)
-            hypothesis = Hypothesis(shape, SONG.rest_pose, 1.0, error, 1.0)
-            return find.Attempt(find.Fit([hypothesis], cost=-error), np.inf)
-
-        monkeypatch.setattr(find, "run_attempt", attempt)
-        scene = Scene(Device.best(), ring(), grid, SONG)
-        config = StartConfig(acceptance=AcceptanceConfig(n_attempts=attempts))
-        return find_start(scene, shown, 0.5, config=config).registration_error, len(left)
-
-    assert found(0.2, 0.4) == (0.2, 1)
-    assert found(0.35, 0.5, 0.4, 0.3) == (0.5, 1)
-    assert found(0.4, 0.2, 0.3) == (0.4, 1)
-    assert found(0.4, 0.2, attempts=1) == (0.4, 1)
-    assert found(0.6, 0.35, 0.5) == (0.5, 0)  # 0.6 is no start, whatever its score

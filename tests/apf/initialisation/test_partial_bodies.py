@@ -9,12 +9,14 @@ import pytest
 from helpers import bodies, scenes
 from helpers.walkers import GRID, SONG, surface_voxels, walker
 
-from apf.body.kinematics import posed_joints
+from apf.body.kinematics import posed_cones, posed_joints
 from apf.body.model import BodyModel
+from apf.body.stature import has_feet, is_whole, lowest_point, stature
 from apf.body.toml import load_body
 from apf.filters.method import Method
-from apf.initialisation.automatic import find_start
-from apf.initialisation.config import AcceptanceConfig, HeadingConfig, PoseSearchConfig, StartConfig
+from apf.initialisation.automatic import find_start, highest_point, standing_pose
+from apf.initialisation.body_fit import Cloud
+from apf.initialisation.config import StartConfig
 from apf.initialisation.start import StartError, check_startable
 from apf.scene import Scene
 from apf.tracking.trackers import make_recovering_tracker
@@ -23,11 +25,9 @@ from cl import Device
 PARTS = ("rymut31_lower", "rymut31_upper")
 #: A small search: these voxels are exact, and the heading is clear.
 FAST = StartConfig(
-    headings=HeadingConfig(n_headings=4, n_kept=2),
-    search=PoseSearchConfig(
-        n_particles_body=100, n_particles_limb=50, n_particles_near=40, n_limb_starts=1
-    ),
-    acceptance=AcceptanceConfig(n_attempts=1),
+    n_headings=4,
+    n_kept=2,
+    filter=StartConfig().filter.with_changes(n_particles=100),
 )
 
 
@@ -36,6 +36,14 @@ def error(body: BodyModel, pose: np.ndarray, true: np.ndarray) -> float:
     reached, expected = posed_joints(body, pose[None])[0], posed_joints(SONG, true[None])[0]
     columns = [SONG.joint_names.index(name) for name in body.joint_names]
     return float(np.linalg.norm(reached - expected[columns], axis=-1).mean())
+
+
+def test_partial_bodies_know_the_whole_persons_stature() -> None:
+    whole = stature(load_body("rymut31"))
+    for name in PARTS:
+        assert stature(load_body(name)) == pytest.approx(whole, rel=0.01)
+        assert not is_whole(load_body(name))
+    assert is_whole(SONG)
 
 
 def test_a_body_that_cannot_be_stood_says_what_it_lacks() -> None:
@@ -58,6 +66,23 @@ def test_partial_bodies_are_found_by_themselves(name: str) -> None:
     voxels = [surface_voxels(device, pose)]
     found = find_start(scene, voxels, 0.5, keep_shape=True, config=FAST)
     assert error(body, found.pose, pose) < 0.12
+
+
+def test_partial_bodies_are_as_tall_as_what_is_seen() -> None:
+    """The whole person's height decides, also where the body shows half of it."""
+    device = Device.best()
+    points = surface_voxels(device, walker(0)).cloud().centres
+    for name in PARTS:
+        body = load_body(name)
+        small = body.scaled(dict.fromkeys(body.scale_groups, 0.9), 0.9)
+        for other in (body, small):
+            cloud = Cloud(points)
+            cones = posed_cones(other, standing_pose(other, cloud, 0.0)[None])[0]
+            if has_feet(other):
+                assert lowest_point(cones) == pytest.approx(cloud.heights[0])
+            else:
+                assert highest_point(cones) == pytest.approx(cloud.heights[1])
+        assert stature(small) == pytest.approx(0.9 * stature(body), rel=1e-6)
 
 
 @pytest.mark.parametrize("name", PARTS)
