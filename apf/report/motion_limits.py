@@ -114,6 +114,8 @@ def _find_fast_steps(
         _smooth_derivative(points, track.times, 0.5 * config.window, 0)
         for points in joints.swapaxes(0, 1)
     ]
+    if not np.isfinite(filtered).all():  # hardly any frame is known
+        return None
     gait = measure_gait(replace(track, joints=np.stack(filtered, 1)))
     if gait is None:
         return None
