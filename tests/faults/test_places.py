@@ -186,7 +186,6 @@ FAULTS: dict[str, tuple[list[str], Change | None, str]] = {
     "a flag of triangulation": ([*TRACK, "--low-pass", "6"], None, "only to --method tri"),
     "a flag of image objectives": ([*TRACK, "--edges", "canny"], None, "--edges applies only"),
     "no weight at all": ([*TRACK, "--likelihood", "edge=0"], None, "no term has a weight"),
-    "nobody at first": ([*TRACK[:-4]], None, "no standing or walking person"),
     "a volume of one voxel": (["psfs", "reconstruct", "seq", "-q", "-o", "new", "--voxel-size",
                                "20", *BOX[2:]], None, "1 x 1 x 1 voxels of 20 m"),
     "a cutoff without smoothing": (["apf", "export", "track", "-o", "new", "--raw", "--cutoff",

@@ -37,8 +37,9 @@ def test_numbers(tmp_path: Path, case: str, kind: str) -> None:
         folder = tmp_path / kind / rig.names[view]
         folder.mkdir(parents=True)
         for number in numbers:
-            levels[len(levels)] = view, number
-            level = np.full((48, 64), len(levels) - 1, np.uint8)
+            value = 2 + len(levels)  # masks of 0 and 1 are read as of 0 and 255
+            levels[value] = view, number
+            level = np.full((48, 64), value, np.uint8)
             assert cv2.imwrite(str(folder / f"shot_{number}.png"), level)
     if kind == "images":  # of one level, as every background
         shutil.copytree(tmp_path / kind, tmp_path / "background")

@@ -30,6 +30,7 @@ def session_of(shown: dict[range, np.ndarray]) -> Session:
 
     class Reader:
         rig, fps, folder, name = scenes.ring(4, (200, 150)), FPS, "nowhere", "nowhere"
+        volume = None
 
         def __len__(self) -> int:
             return N
