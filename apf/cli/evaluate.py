@@ -47,23 +47,23 @@ def run(request: EvaluateRequest) -> None:
     tracks = PeopleTracks.open(request.track)
     markers = None if request.markers is None else load_markers(request.markers)
     truth, convention = _read_truth(request, tracks[0].fps)
-    found: Evaluation | PeopleEvaluation
+    evaluation: Evaluation | PeopleEvaluation
     try:
         if several:
-            found = evaluate_people(tracks, truth)
+            evaluation = evaluate_people(tracks, truth)
             pairs = [(track, series) for series in truth.values() for track in tracks]
-            better = axes_that_fit(pairs, found.apart, convention)
+            better = axes_that_fit(pairs, evaluation.apart, convention)
         else:
-            found, better = _evaluate_one(request, tracks[0], truth, convention, markers)
+            evaluation, better = _evaluate_one(request, tracks[0], truth, convention, markers)
     except InputError as error:
         stated = " ".join(map(str, request.truth))
         raise InputError(f"{request.track} against {stated}: {error}") from None
-    if isinstance(found, Evaluation):
-        print_evaluation(found)
-        print_angles(found.angles)
+    if isinstance(evaluation, Evaluation):
+        print_evaluation(evaluation)
+        print_angles(evaluation.angles)
     else:
-        print_people_evaluation(found)
-    for warning in (*found.warnings, *filter(None, (better,))):
+        print_people_evaluation(evaluation)
+    for warning in (*evaluation.warnings, *filter(None, (better,))):
         warn(warning, stdout)
     if not several and tracks[0].smoothing is not None:
         shown = ", ".join(f"{k} {v}" for k, v in tracks[0].smoothing.items() if v is not None)
@@ -71,11 +71,11 @@ def run(request: EvaluateRequest) -> None:
     folder = request.output or (request.track if request.track.is_dir() else request.track.parent)
     wanted = _select_files(request)
     with output_folder(folder, request.COMMAND, addition=True, replaces=True):
-        if isinstance(found, Evaluation):
+        if isinstance(evaluation, Evaluation):
             title = f"{resolve_path(request.track).name} against {request.truth[0].name}"
-            written = _write_files(folder, found, wanted, title)
+            written = _write_files(folder, evaluation, wanted, title)
         else:
-            written = _write_people(folder, found, wanted)
+            written = _write_people(folder, evaluation, wanted)
     stdout.print("wrote " + ", ".join(str(path) for path in written))
 
 
@@ -102,11 +102,11 @@ def _evaluate_one(
                 f"the truth is read with --convention {convention}: with {default}, the default, "
                 "it is of another place"
             )
-    found = evaluate(track, truth)
+    evaluation = evaluate(track, truth)
     by_index = request.truth_start is None and truth.at_rate(track.fps) is truth
     if by_index and (true_angles := load_true_angles(path)) is not None:
-        found = replace(found, angles=tuple(evaluate_angles(track, true_angles)))
-    return found, axes_that_fit([(track, truth)], found.mean_error, convention)
+        evaluation = replace(evaluation, angles=tuple(evaluate_angles(track, true_angles)))
+    return evaluation, axes_that_fit([(track, truth)], evaluation.mean_error, convention)
 
 
 def _read_truth(request: EvaluateRequest, fps: float) -> tuple[dict[str, JointSeries], str]:
@@ -139,18 +139,20 @@ def _select_files(request: EvaluateRequest) -> list[str]:
     return [kind for kind, on in chosen.items() if on] or list(chosen)
 
 
-def _write_people(folder: Path, found: PeopleEvaluation, wanted: list[str]) -> list[Path]:
-    """Write the `wanted` files of each person into their own folder in `folder`, and the figures of
-    all; return the files."""
+def _write_people(folder: Path, evaluation: PeopleEvaluation, wanted: list[str]) -> list[Path]:
+    """Write the `wanted` files of each person into a folder of their own in `folder`, and the
+    figures of all; return the files."""
     written = []
-    for name, number, errors in zip(found.names, found.tracks, found.errors, strict=True):
+    for name, number, errors in zip(
+        evaluation.names, evaluation.tracks, evaluation.errors, strict=True
+    ):
         if errors is not None:
-            own = person_folder(folder, int(number) + 1)
-            own.mkdir(parents=True, exist_ok=True)
-            written += _write_files(own, errors, wanted, f"{own.name} against {name}")
+            subfolder = person_folder(folder, int(number) + 1)
+            subfolder.mkdir(parents=True, exist_ok=True)
+            written += _write_files(subfolder, errors, wanted, f"{subfolder.name} against {name}")
     if "json" in wanted:
         written.append(folder / "evaluation.json")
-        found.write_json(written[-1])
+        evaluation.write_json(written[-1])
     return written
 
 

@@ -116,7 +116,7 @@ def _select_observations(
         -np.inf if has_feet(scene.body) else HIP_SHARE - _PART_MARGIN,
         np.inf if has_head(scene.body) else HIP_SHARE + _PART_MARGIN,
     )
-    clouds = [Cloud(points, part) for points, _ in zip(people, voxels, strict=False)]
+    clouds = [Cloud(points, part) for points in people[: len(voxels)]]
     if is_whole(scene.body):
         return voxels, clouds
     low, high = np.median([cloud.heights for cloud in clouds], 0)

@@ -89,10 +89,24 @@ def _check_header(path: Path, content: np.ndarray) -> None:
     data = content.tobytes()
     whole = True
     if kind == "JPEG":
-        whole = data.rfind(b"\xff\xd9") > len(data) / 2  # not that of a small picture in the header
+        whole = data.find(b"\xff\xd9", _find_scan(data)) > 0
     elif kind == "PNG":
         whole = b"IEND" in data[-64 * 1024 :]
     elif kind == "BMP" and data[:2] == b"BM":
         whole = len(data) >= int.from_bytes(data[2:6], "little")
     if not whole:
         raise InputError(f"{path}: ends early; expected a whole {kind} image")
+
+
+def _find_scan(data: bytes) -> int:
+    """Return where the compressed picture of a JPEG begins.
+
+    The headers before it may hold a small picture of their own.
+    """
+    at = 2
+    while at + 4 <= len(data) and data[at] == 0xFF and data[at + 1] != 0xDA:
+        if data[at + 1] == 0xFF:
+            at += 1
+            continue
+        at += 2 + int.from_bytes(data[at + 2 : at + 4], "big")
+    return at
