@@ -204,7 +204,9 @@ def test_tracks_are_judged_and_reports_made_again(
     assert capsys.readouterr().out.splitlines()[-1] == f"wrote {out / 'report.html'}"
     again = json.loads((out / "summary.json").read_text())
     assert again["quality"] == summary["quality"]
-    assert (out / "overlay.mp4").exists() and len((out / "report.html").read_bytes()) == len(page)
+    assert (out / "overlay.mp4").exists()
+    # the encoder of the video in the page does not promise the same bytes
+    assert len((out / "report.html").read_bytes()) == pytest.approx(len(page), rel=1e-3)
 
 
 def test_reports_of_what_is_no_track(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
