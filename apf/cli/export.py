@@ -12,7 +12,7 @@ from apf.tracking.config import OPENSIM
 from apf.tracking.motion_files import Export, export
 from apf.tracking.people import holds_people, person_folder
 from apf.tracking.track import spans
-from psfs.cli.commandline import stdout, warn
+from psfs.cli.commandline import stdout
 from psfs.common.outputs import output_folder
 
 
@@ -71,8 +71,6 @@ def print_export(written: Export, gait_wanted: bool, seen: np.ndarray) -> None:
         )
     elif gait_wanted:
         stdout.print("gait: no walk of two steps in this track")
-    if written.left_out is not None:
-        warn(f"{written.left_out}; the other files are written", stdout)
     names = {path.name for path in written.files}
     if INVERSE_KINEMATICS in names and ANGLES not in names:
         stdout.print(

@@ -8,9 +8,10 @@ state it. A point's residual is its possible error, 0 if unknown; a missing poin
 
 from __future__ import annotations
 
+import itertools
 import shutil
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -21,14 +22,9 @@ from cl import InputError
 from psfs.common.c3d import read_c3d_points
 from psfs.common.files import temporary_folder, write_atomically
 
-#: The format's header counts frames in 16 bits; ezc3d drops those that follow.
-_MOST_FRAMES = 65535
-#: A parameter has at most so many texts; ezc3d writes a file of more labels that it cannot read.
-_MOST_POINTS = 255
-
-
-class TooLongError(InputError):
-    """More frames or points than the format can count."""
+#: The format's header counts frames in 16 bits; ezc3d drops those that follow. A parameter has at
+#: most so many texts; ezc3d writes a file of more labels that it cannot read.
+_MOST_FRAMES, _MOST_POINTS = 65535, 255
 
 
 @dataclass(frozen=True)
@@ -68,28 +64,45 @@ def _convention(path: Path, up: str | None) -> str:
     return found
 
 
-def write_c3d(path: str | Path, series: JointSeries, events: Sequence[C3dEvent] = ()) -> None:
-    """Write points and events.
+def write_c3d(
+    path: str | Path, series: JointSeries, events: Sequence[C3dEvent] = ()
+) -> tuple[Path, ...]:
+    """Write points and events; return the files.
 
-    Raises TooLongError for more frames or points than the format can count, and InputError for no
-    frame and if the file cannot be written.
+    The format counts 65535 frames and 255 points. Those that follow go into files beside `path`,
+    `<name>_frame65535`, `<name>_point255`, named by the frame of the sequence that they call 0 and
+    by their first point. Raises InputError for no frame and if a file cannot be written.
     """
-    import ezc3d  # slow to import
-
-    if len(series.joint_names) > _MOST_POINTS:
-        raise TooLongError(
-            f"{path}: a C3D of {len(series.joint_names)} points cannot be written; expected at "
-            f"most {_MOST_POINTS}"
-        )
+    path, names = Path(path), series.joint_names
     if not len(series.frames):
         raise InputError(f"{path}: a C3D of no frame cannot be written; expected at least one")
+    series.to_constant_rate()  # raises InputError
+    parts = series.frames // _MOST_FRAMES
+    written = []
+    for part, point in itertools.product(np.unique(parts), range(0, len(names), _MOST_POINTS)):
+        rows, columns = parts == part, slice(point, point + _MOST_POINTS)
+        begin = int(part) * _MOST_FRAMES
+        ending = f"_frame{begin}" * (begin > 0) + f"_point{point}" * (point > 0)
+        deviation = None if series.deviation is None else series.deviation[rows, columns]
+        some = JointSeries(
+            names[columns], series.joints[rows, columns], series.fps, series.frames[rows] - begin,
+            deviation, series.note,
+        )  # fmt: skip
+        inside = [
+            replace(event, time=event.time - begin / series.fps)
+            for event in events
+            if begin <= round(event.time * series.fps) < begin + _MOST_FRAMES
+        ]
+        written.append(path.with_stem(path.stem + ending))
+        _write_part(written[-1], some, inside)
+    return tuple(written)
+
+
+def _write_part(path: Path, series: JointSeries, events: Sequence[C3dEvent]) -> None:
+    """Write one file. Raises InputError if it cannot be written."""
+    import ezc3d  # slow to import
+
     rate, rows = series.to_constant_rate()
-    first = int(series.frames[0])
-    if first + len(rows) > _MOST_FRAMES:
-        raise TooLongError(
-            f"{path}: a C3D counts frames up to {_MOST_FRAMES}, there are {len(rows)} from frame "
-            f"{first} on; expected fewer, or another format"
-        )
     kept = rows >= 0
     points = np.full((4, series.joints.shape[1], len(rows)), np.nan)
     points[:3, :, kept] = 1000 * series.joints[rows[kept]].transpose(2, 1, 0)
@@ -102,7 +115,7 @@ def write_c3d(path: str | Path, series: JointSeries, events: Sequence[C3dEvent] 
 
     file: Any = ezc3d.c3d()
     names = list(series.joint_names)
-    file["header"]["points"]["first_frame"] = first
+    file["header"]["points"]["first_frame"] = int(series.frames[0])
     point = file["parameters"]["POINT"]
     point["RATE"]["value"], point["UNITS"]["value"] = [rate], ["mm"]
     point["LABELS"]["value"] = names

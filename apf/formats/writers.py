@@ -14,7 +14,7 @@ from apf.formats.motion import BodyMotion
 from apf.formats.trc import JointSeries, write_trc
 
 #: What writes named points over time, by file ending.
-WRITERS: dict[str, Callable[[str | Path, JointSeries], None]] = {
+WRITERS: dict[str, Callable[[str | Path, JointSeries], object]] = {
     ".trc": write_trc,
     ".csv": write_csv,
     ".c3d": write_c3d,

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from apf.formats.angles import write_angle_csv
-from apf.formats.c3d import C3dEvent, TooLongError, write_c3d
+from apf.formats.c3d import C3dEvent, write_c3d
 from apf.formats.opensim.tools import write_opensim
 from apf.tracking.config import EXPORTS, OF_POINTS, OPENSIM, OPENSIM_FOLDER, SmoothingConfig
 from apf.tracking.gait import Gait, measure_gait
@@ -24,12 +24,11 @@ _LABELS = {"strike": "Foot Strike", "off": "Foot Off"}
 class Export:
     """The `files` that were written, and the `track` that they contain. gait: computed for the gait
     file and for C3D, which holds its events; None if nobody walks, and then no gait file is
-    written. left_out: why a C3D was not written beside the other files, None if it was."""
+    written."""
 
     files: tuple[Path, ...]
     track: Track
     gait: Gait | None
-    left_out: str | None = None
 
 
 def export(
@@ -47,9 +46,8 @@ def export(
 
     The track is smoothed first, unless it is smoothed already, `raw` is set, or it has no body.
     axes: of the TRC, see `Track.save`. osim_model: the OpenSim model that `osim` scales, by default
-    the one that Pose2Sim carries. A C3D that its format cannot count is left out if others are
-    written. Raises InputError for a format that is not in EXPORTS, if
-    the track does not hold a body that a file needs, and if a file cannot be written.
+    the one that Pose2Sim carries. Raises InputError for a format that is not in EXPORTS, if the
+    track does not hold a body that a file needs, and if a file cannot be written.
     """
     has_body, known = bool(track.dof_names), (*EXPORTS, OPENSIM)
     chosen = dict.fromkeys(to or (EXPORTS if has_body else OF_POINTS))
@@ -64,32 +62,28 @@ def export(
     if has_body and not raw and track.smoothing is None:
         track = smooth_track(track, smoothing)
     gait = measure_gait(track) if {"gait", "c3d"} & set(chosen) else None
-    plain = [kind for kind in chosen if kind != OPENSIM]
-    written, left_out = [], None
-    for kind in plain:
-        try:
-            written.append(_write(track, gait, kind, Path(folder) / EXPORTS[kind], axes))
-        except TooLongError as error:
-            if len(chosen) == 1:
-                raise
-            left_out = str(error)
-    if OPENSIM in chosen:
-        written += write_opensim(Path(folder) / OPENSIM_FOLDER, track.motion, osim_model)
-    return Export(tuple(path for path in written if path is not None), track, gait, left_out)
+    written: list[Path] = []
+    for kind in chosen:
+        if kind == OPENSIM:
+            written += write_opensim(Path(folder) / OPENSIM_FOLDER, track.motion, osim_model)
+        else:
+            written += _write(track, gait, kind, Path(folder) / EXPORTS[kind], axes)
+    return Export(tuple(written), track, gait)
 
 
-def _write(track: Track, gait: Gait | None, kind: str, path: Path, axes: str) -> Path | None:
-    """Write one file and return its path; None if there is nothing to write."""
+def _write(track: Track, gait: Gait | None, kind: str, path: Path, axes: str) -> tuple[Path, ...]:
+    """Write a format and return its files, more than one of a C3D too long for its counts, none of
+    a gait that is none."""
     if kind == "csv":
         write_angle_csv(path, track.angles, track.points)
     elif kind == "c3d":
         events = gait.events if gait is not None else ()
         labelled = [C3dEvent(_LABELS[e.kind], e.side.capitalize(), e.time) for e in events]
-        write_c3d(path, track.points, labelled)
+        return write_c3d(path, track.points, labelled)
     elif kind == "gait":
         if gait is None:
-            return None
+            return ()
         write_json(path, gait.describe())
     else:
         track.save(path, axes)
-    return path
+    return (path,)

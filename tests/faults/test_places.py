@@ -164,8 +164,6 @@ FAULTS: dict[str, tuple[list[str], Change | None, str]] = {
     "a report without a sequence": (REPORT, summary("full", "sequence", absolute="/no/where",
                                                     relative="nowhere"), "/no/where"),
     "an empty track smoothed": (["apf", "smooth", "track", "-o", "new"], frames(0), "no tracked"),
-    "frames beyond a C3D": (["apf", "export", "track", "-o", "new", "--to", "c3d"],
-                            arrays("track/track.npz", frames=np.arange(6) + 10**8), "65535"),
     "weights without a mesh": (["apf", "render", "walk", "track", "-o", "new", "--shape-weights",
                                 "truth.npz"], None, "--shape FILE"),
     "a run and a track exchanged": (["apf", "view", "track", "out"], None, "out"),

@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from apf.body.anatomy import anatomical_frames
 from apf.body.toml import load_body
 from apf.formats.angles import opensim_coordinates, write_angle_csv
-from apf.formats.c3d import C3dEvent, write_c3d
+from apf.formats.c3d import C3dEvent, read_c3d, write_c3d
 from apf.formats.trc import JointSeries, read_trc
 from apf.tracking.track import Track
 from cl import InputError
@@ -72,19 +72,31 @@ def test_frames_far_apart(tmp_path: Path) -> None:
     assert not list(tmp_path.iterdir())
 
 
-def test_c3d_of_as_many_frames_as_its_header_counts(tmp_path: Path) -> None:
+def test_c3d_goes_on_in_a_file_beside_it(tmp_path: Path) -> None:
     most = 65535
-    points = np.zeros((most, 1, 3))
-    points[:, 0, 0] = np.linspace(0, 1, most)
-    write_c3d(tmp_path / "a.c3d", JointSeries(("a",), points, 100.0, np.arange(most)))
-    found = ezc3d.c3d(str(tmp_path / "a.c3d"))["data"]["points"]
-    np.testing.assert_allclose(found[0, 0], 1000 * points[:, 0, 0], atol=1e-3)
-    later = JointSeries(("a",), points[:9], 100.0, np.arange(most - 8, most + 1))
-    with pytest.raises(InputError, match="counts frames up to 65535, there are 9 from frame 65527"):
-        write_c3d(tmp_path / "b.c3d", later)
-    names = tuple(f"p{number}" for number in range(256))
-    with pytest.raises(InputError, match="256 points cannot be written; expected at most 255"):
-        write_c3d(tmp_path / "c.c3d", JointSeries(names, np.zeros((2, 256, 3)), 9.0, np.arange(2)))
+    points = np.zeros((most + 9, 1, 3))
+    points[:, 0, 0] = np.linspace(0, 1, most + 9)
+    series = JointSeries(("a",), points, 100.0, np.arange(most + 9))
+    strikes = [C3dEvent("Foot Strike", "Left", frame / 100) for frame in (most - 1, most, most + 5)]
+    written = write_c3d(tmp_path / "a.c3d", series, strikes)
+    assert [path.name for path in written] == ["a.c3d", f"a_frame{most}.c3d"]
+    files = [ezc3d.c3d(str(path)) for path in written]
+    found = np.concatenate([file["data"]["points"][0, 0] for file in files])
+    np.testing.assert_allclose(found, 1000 * points[:, 0, 0], atol=1e-3)
+    minutes, seconds = files[1]["parameters"]["EVENT"]["TIMES"]["value"]
+    np.testing.assert_allclose(60 * minutes + seconds, [0, 0.05], atol=1e-4)
+    assert files[0]["parameters"]["EVENT"]["USED"]["value"].tolist() == [1]
+
+
+def test_c3d_of_more_points_than_it_can_label(tmp_path: Path) -> None:
+    names = tuple(f"p{number}" for number in range(300))
+    points = np.arange(2 * 300 * 3.0).reshape(2, 300, 3)
+    written = write_c3d(tmp_path / "a.c3d", JointSeries(names, points, 9.0, np.array([7, 8])))
+    assert [path.name for path in written] == ["a.c3d", "a_point255.c3d"]
+    found = [read_c3d(path) for path in written]
+    assert found[0].joint_names + found[1].joint_names == names
+    np.testing.assert_allclose(np.hstack([file.joints for file in found]), points, atol=1e-3)
+    assert all(file.frames.tolist() == [7, 8] for file in found)
 
 
 def test_c3d_has_a_frame_for_each_that_was_left_out(tmp_path: Path) -> None:
