@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from concurrent.futures import Executor
 
 import cv2
 import numpy as np
@@ -87,26 +88,31 @@ class Coverage:
     def __init__(self, rays: Rays) -> None:
         self._rays, self.agreement = rays, 0.0
 
-    def update(self, evidence: Sequence[np.ndarray]) -> np.ndarray:
+    def update(self, evidence: Sequence[np.ndarray], pool: Executor) -> np.ndarray:
         """Return (V, n, h, w) bool: whether a pixel more likely shows a person than the background,
         given its own `evidence` (n, h, w) of each view, log ratios, and that of the other views.
 
         A view's evidence for a voxel is log(P / 0.5) of the pixel's probability P of a person: what
         is in front of it or behind it may be seen instead (Song et al. eq. (5)).
         """
-        views, total = [], np.zeros((len(evidence[0]), self._rays.n_voxels), np.float32)
-        for view, maps in enumerate(evidence):
-            voxels, ratios = self._rays.gather(view, maps)
+        rays, total = self._rays, np.zeros((len(evidence[0]), self._rays.n_voxels), np.float32)
+
+        def weigh(view: int) -> tuple[np.ndarray, np.ndarray]:
+            voxels, ratios = rays.gather(view, evidence[view])
             person = 1 / (1 + np.exp(-ratios))
-            nats = np.log(2 * np.maximum(person, _WRONGLY_DENIED)).astype(np.float32)
+            return voxels, np.log(2 * np.maximum(person, _WRONGLY_DENIED)).astype(np.float32)
+
+        views = list(pool.map(weigh, range(len(rays))))
+        for voxels, nats in views:
             total[:, voxels] += nats
-            views.append((voxels, nats))
-        covered, alike, either = [], 0, 0
-        for view, (voxels, nats) in enumerate(views):
-            others = self._rays.project(view, total[:, voxels] - nats)
-            covered.append(evidence[view] + others > 0)
+
+        def ask_others(view: int) -> tuple[np.ndarray, int, int]:
+            voxels, nats = views[view]
+            others = rays.project(view, total[:, voxels] - nats)
             person, meet = evidence[view] > 0, others > 0
-            alike += np.count_nonzero(person & meet)
-            either += np.count_nonzero(person | meet)
-        self.agreement = alike / max(1, either)
+            counts = np.count_nonzero(person & meet), np.count_nonzero(person | meet)
+            return evidence[view] + others > 0, *counts
+
+        covered, alike, either = zip(*pool.map(ask_others, range(len(rays))), strict=True)
+        self.agreement = sum(alike) / max(1, sum(either))
         return np.stack(covered)

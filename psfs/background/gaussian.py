@@ -19,7 +19,7 @@ from psfs.footage.media import Media
 Moments: TypeAlias = tuple[np.ndarray, np.ndarray]
 
 _BAND_BYTES = 2**20  # processed at a time: this fits into a cache
-VIEWS_AT_ONCE = 4  # estimated in parallel at most; more need more memory for frames
+_VIEWS_AT_ONCE = 4  # estimated in parallel at most; more need more memory for frames
 _LOT = 255  # frames with exact sums: of squares in float32, of counts in a byte
 _HELD_BYTES = 2**26  # greatest size of a view's frames that are decoded once only
 #: Least standard deviation of a background's estimate, grey levels: without it, the density of a
@@ -53,7 +53,7 @@ class Background:
 def estimate_background(rig: CameraRig, media: Sequence[Media]) -> Background:
     """Estimate the background from all frames of an empty scene, one video or list of images per
     view."""
-    moments = map_in_threads(view_moments, media, VIEWS_AT_ONCE)
+    moments = map_in_threads(view_moments, media, _VIEWS_AT_ONCE)
     return Background(*stack_views(rig, moments))
 
 

@@ -108,19 +108,30 @@ def _slope_change(
     return np.linalg.solve(matrix, product @ place - slope * _FIELD_STD**-2)
 
 
-def light_fields(light: np.ndarray, shape: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
-    """Return the gains (h, w, 3) and offsets (3,), float32, of a light in a picture of a shape."""
-    height, width = shape[:2]
-    field = light[6] + light[7] * np.arange(width) + light[8] * np.arange(height)[:, None]
-    gains = light[:3].astype(np.float32) * field.astype(np.float32)[..., None]
-    return gains, light[3:6].astype(np.float32)
+def light_field(light: np.ndarray, row: np.ndarray, column: np.ndarray) -> np.ndarray:
+    """Return the share (...) float32 of a light that falls on these pixels."""
+    field: np.ndarray = light[6] + light[7] * column + light[8] * row
+    return field.astype(np.float32)
 
 
-def relight_picture(image: np.ndarray, light: np.ndarray) -> np.ndarray:
-    """Return a picture (h, w, 3) uint8 relit by the background's light, in whole grey levels from 0
-    to 255."""
-    gains, offsets = light_fields(light, image.shape)
-    return np.clip((image - offsets) / gains + np.float32(0.5), 0, 255).astype(np.uint8)
+def relight_picture(
+    image: np.ndarray, light: np.ndarray, chosen: np.ndarray | None = None
+) -> np.ndarray:
+    """Return a picture (h, w, 3) uint8, or its `chosen` pixels (h, w) bool as (p, 3), relit by the
+    background's light, in whole grey levels from 0 to 255."""
+    if chosen is None:
+        row, column = np.arange(len(image))[:, None], np.arange(image.shape[1])
+    else:
+        row, column = np.nonzero(chosen)
+        image = image[chosen]
+    field = light_field(light, row, column)
+    # NumPy is slow along an axis of three.
+    lines = image.reshape(1 if chosen is not None else len(image), -1)
+    gains, offsets = np.tile(light[:6].astype(np.float32).reshape(2, 3), lines.shape[1] // 3)
+    relit = lines - offsets
+    relit /= gains * np.repeat(field, 3, axis=-1)
+    relit += np.float32(0.5)
+    return np.clip(relit, 0, 255, out=relit).astype(np.uint8).reshape(image.shape)
 
 
 def light_launch(

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 
 from psfs.background.config import BackgroundConfig
-from psfs.background.gaussian import Moments, masked_moments
+from psfs.background.gaussian import Moments, masked_moments, sort_stack
 from psfs.common.colours import N_BINS, colour_bins
 
 #: Least change of a pixel over a take that is motion, grey levels: more than shades of a shadow and
@@ -29,7 +29,7 @@ def find_moving_region(frames: np.ndarray) -> np.ndarray:
     """Return (h, w) bool: the pixels where frames (n, h, w, 3) uint8 of a static camera change,
     with holes filled. A person who moves a little at times is inside the region."""
     smooth = np.stack([cv2.GaussianBlur(frame, (0, 0), 1.0) for frame in frames])
-    ordered = np.sort(smooth, axis=0)
+    ordered = sort_stack(smooth)
     outliers = 1 if len(frames) > 3 else 0  # at either end
     change = (ordered[-1 - outliers] - ordered[outliers]).max(-1).astype(np.float32)
     changes = (change > max(_MOTION, 3 * float(np.median(change)))).view(np.uint8)
@@ -51,7 +51,7 @@ def close_region(changes: np.ndarray) -> np.ndarray:
 def find_same(mean: np.ndarray, std: np.ndarray, film: Moments) -> np.ndarray:
     """Return (h, w) bool: whether a film of the empty scene shows what the frames do; both moments
     (h, w, 3). It is likelier than any colour."""
-    shown, height = film[0].reshape(1, -1, 3), len(mean)
+    shown, height = film[0].reshape(1, -1, 3).transpose(2, 0, 1), len(mean)
     both = np.hypot(std, film[1]).reshape(-1, 3)
     density = _background_density(shown, mean.reshape(-1, 3), both) + _UNEXPLAINED
     ratio = np.clip(np.log(density), -_LIMIT, _LIMIT).reshape(height, -1)
@@ -74,13 +74,13 @@ class PixelDensities:
         frames: np.ndarray,
         region: np.ndarray,
         moments: Moments,
-        from_median: bool,
         film: Moments | None,
+        from_median: bool,
     ) -> None:
         self._region, self._shape = region, frames.shape[:3]
         self._frames, self._film = frames[:, region], film
-        self._shown = self._frames.astype(np.float32)
-        self._bins = colour_bins(self._shown)
+        self._shown = np.moveaxis(self._frames, -1, 0).astype(np.float32, "C")
+        self._bins = colour_bins(self._frames)
         self._around = _find_surroundings(cv2.blur(moments[0], (3, 3)), region)
         self._unseen = self._surrounding_density(self._shown)
         self._person = np.ones(N_BINS)
@@ -88,13 +88,15 @@ class PixelDensities:
         self._count = len(frames) * (from_median | ~region)
         self._update()
 
-    def learn(self, covered: np.ndarray) -> None:
-        """Learn the background from the frames in which a pixel is not `covered` (n, h, w)."""
+    def learn(self, covered: np.ndarray) -> np.ndarray:
+        """Learn the background from the frames in which a pixel is not `covered` (n, h, w). Return
+        the histogram of those that are, see `count_colours`."""
         region = self._region
         learnt = masked_moments(self._frames, covered[:, region])
         for values, new in zip((*self._moments, self._count), learnt, strict=True):
             values[region] = new
         self._update()
+        return self.count_colours(covered)
 
     def _update(self) -> None:
         region, (mean, std), count = self._region, self._moments, self._count
@@ -125,9 +127,7 @@ class PixelDensities:
 
     def count_colours(self, covered: np.ndarray) -> np.ndarray:
         """Return the histogram (N_BINS,) of the pixels that are `covered` (n, h, w)."""
-        return np.bincount(
-            self._bins.ravel(), covered[:, self._region].ravel().astype(float), N_BINS
-        )
+        return np.bincount(self._bins[covered[:, self._region]], minlength=N_BINS)
 
     def evidence(self) -> np.ndarray:
         """Return (n, h, w) float32: the log ratio, person over background, the mean over 3 x 3
@@ -144,14 +144,16 @@ class PixelDensities:
         mean = np.einsum("kp,kpc->pc", shares, colours)
         variance = np.einsum("kp,kpc->p", shares, (colours - mean) ** 2) / 3
         std = np.sqrt(variance + _EXTRAPOLATED_STD**2)
-        ratio = np.log(self._person[colour_bins(mean)] / self._surrounding_density(mean[None])[0])
+        ratio = np.log(
+            self._person[colour_bins(mean)] / self._surrounding_density(mean.T[:, None])[0]
+        )
         std[ratio > -_LIMIT / 2] = np.nan
         picture = np.full((*self._shape[1:], 4), np.nan, np.float32)
         picture[self._region] = np.concatenate([mean, std[:, None]], -1)
         return picture
 
     def _surrounding_density(self, shown: np.ndarray) -> np.ndarray:
-        """Return the density (n, pixels) of the colours `shown` (n, pixels, 3) if the background
+        """Return the density (n, pixels) of the colours `shown` (3, n, pixels) if the background
         looks as it does around the region."""
         std = np.float32(_EXTRAPOLATED_STD)
         near = sum(
@@ -162,14 +164,20 @@ class PixelDensities:
 
 
 def _background_density(shown: np.ndarray, mean: np.ndarray, std: np.ndarray) -> np.ndarray:
-    """Return the density (n, pixels) of the colours `shown` (n, pixels, 3) before a background
+    """Return the density (n, pixels) of the colours `shown` (3, n, pixels) before a background
     of these moments (pixels, 3), brighter or darker."""
     light, weight = BackgroundConfig(), np.maximum(std, _LEAST_STD) ** -2
     lit = weight * mean
-    factor = np.einsum("npc,pc->np", shown, lit) / ((lit * mean).sum(-1) + 1e-6)
+    factor = sum(colour * own for colour, own in zip(shown, lit.T.copy(), strict=True))
+    factor /= (lit * mean).sum(-1) + 1e-6
     factor = np.clip(factor, light.shadow_low, light.shadow_high)
-    rest = shown - factor[..., None] * mean
-    distance = np.einsum("npc,npc,pc->np", rest, rest, weight)
+    distance = np.zeros_like(factor)
+    for colour, own, sure in zip(shown, mean.T.copy(), weight.T.copy(), strict=True):
+        rest = factor * own
+        np.subtract(colour, rest, out=rest)
+        rest *= rest
+        rest *= sure
+        distance += rest
     distance += ((1 - factor) / _SHADE) ** 2
     peak = 256**3 * (2 * np.pi) ** -1.5 * np.sqrt(weight.prod(-1))
     return np.asarray(peak * np.exp(-0.5 * distance), np.float32)

@@ -25,7 +25,6 @@ from psfs.background.config import BackgroundConfig
 from psfs.background.coverage import Coverage, Rays
 from psfs.background.gaussian import (
     SAMPLES,
-    VIEWS_AT_ONCE,
     Background,
     Moments,
     masked_moments,
@@ -33,7 +32,7 @@ from psfs.background.gaussian import (
     stack_views,
     view_moments,
 )
-from psfs.background.light import GRID, fit_light, light_fields, relight_picture
+from psfs.background.light import GRID, fit_light, light_field, relight_picture
 from psfs.background.pixel_densities import (
     PixelDensities,
     close_region,
@@ -47,6 +46,8 @@ from psfs.footage.media import Media
 
 #: Longest side of the small pictures in which people are searched, px.
 _LONGEST_SIDE = 320
+#: Greatest size of the frames of all views that are in memory at a time, bytes.
+_READ_BYTES = 2**30
 #: Greatest number of alternations of expectation and maximisation, and the share of pixels that
 #: change label below which they end.
 _ROUNDS, _CONVERGED = 8, 0.002
@@ -92,15 +93,17 @@ def estimate_background_from_take(
     """
     factor = rig.factor_within(_LONGEST_SIDE)
     numbers = pick_evenly(min(item.count for item in media), SAMPLES).tolist()
-    with ThreadPoolExecutor(min(VIEWS_AT_ONCE, os.cpu_count() or 1)) as pool:
+    n_bytes = 3 * len(numbers) * rig.width * rig.height
+    at_once = max(1, min(_READ_BYTES // n_bytes, os.cpu_count() or 1))
+    with ThreadPoolExecutor(at_once) as readers, ThreadPoolExecutor() as pool:
         read = partial(_read_samples, numbers, factor)
-        views = list(pool.map(read, media, films or [None] * len(media)))
+        views = list(readers.map(read, media, films or [None] * len(media)))
         small = rig.scaled(factor)
         frames = _stack([view.small for view in views], small)
         shown = [[scale_picture(of, factor) for of in view.film] for view in views if view.film]
         film = _stack([np.stack(of) for of in shown], small) if shown else None
         labels = find_covered(small, frames, film, pool)
-        moments = pool.map(partial(_estimate_view, numbers), media, views, labels)
+        moments = readers.map(partial(_estimate_view, numbers), media, views, labels)
         return Background(*stack_views(rig, moments))
 
 
@@ -124,10 +127,8 @@ def find_covered(
         if film is not None and not from_median:
             seeds = moving if rays.n_voxels else np.ones_like(moving)
             rays = Rays(rig, np.stack(list(pool.map(_find_changes, seeds, moments, films))))
-        densities = [
-            PixelDensities(own, region, of, from_median, filmed)
-            for own, region, of, filmed in zip(frames, rays.regions, moments, films, strict=True)
-        ]
+        learn = partial(PixelDensities, from_median=from_median)
+        densities = list(pool.map(learn, frames, rays.regions, moments, films))
         results.append(_maximise(rays, frames, densities, pool))
     return max(results, key=lambda result: result[0])[1]
 
@@ -153,34 +154,35 @@ def _maximise(
     covered = np.zeros(frames.shape[:-1], bool)
     for _ in range(_ROUNDS):
         before = covered
-        covered = coverage.update(list(pool.map(PixelDensities.evidence, densities)))
+        covered = coverage.update(list(pool.map(PixelDensities.evidence, densities)), pool)
         if (covered != before).mean() < _CONVERGED:
             break
 
-        def learn(view: int, covered: np.ndarray = covered) -> np.ndarray:
-            densities[view].learn(covered[view])
-            return densities[view].count_colours(covered[view])
-
-        colours = list(pool.map(learn, range(len(densities))))
+        colours = list(pool.map(PixelDensities.learn, densities, covered))
         for of in densities:
             of.learn_person(colours)
-    labels = [
-        Labels(hidden, of.extrapolate(), of.same)
-        for hidden, of in zip(covered, densities, strict=True)
-    ]
-    return coverage.agreement, labels
+    unseen = pool.map(PixelDensities.extrapolate, densities)
+    labels = map(Labels, covered, unseen, [of.same for of in densities])
+    return coverage.agreement, list(labels)
 
 
 def _read_samples(numbers: list[int], factor: float, media: Media, film: Media | None) -> _View:
-    frames = np.stack(list(media.frames(numbers)))
+    frames = np.empty((len(numbers), *media.size[::-1], 3), np.uint8)
+    for into, frame in zip(frames, media.frames(numbers), strict=True):
+        into[...] = frame
     median, _ = median_moments(frames)
     light = np.stack([_estimate_frame_light(frame, median) for frame in frames])
-    relit = [relight_picture(frame, of) for frame, of in zip(frames, light, strict=True)]
+    relit = map(relight_picture, frames, light)
     small = np.stack([scale_picture(picture, factor) for picture in relit])
     if film is None:
         return _View(light, small, None)
     mean, std = view_moments(film)
-    gains, offsets = light_fields(_estimate_frame_light(mean, median), mean.shape)
+    of = _estimate_frame_light(mean, median)
+    row, column = np.indices(mean.shape[:2], sparse=True)
+    gains, offsets = (
+        np.float32(of[:3]) * light_field(of, row, column)[..., None],
+        np.float32(of[3:6]),
+    )
     return _View(light, small, ((mean - offsets) / gains, std / gains))
 
 
@@ -212,12 +214,6 @@ def _estimate_view(numbers: list[int], media: Media, view: _View, labels: Labels
     """Return mean and standard deviation (h, w, 3) float32 of a view's background. Where the
     background is never visible, it is extrapolated; where that is not known, its density is below
     the foreground's."""
-    frames = np.stack(
-        [
-            relight_picture(frame, light)
-            for frame, light in zip(media.frames(numbers), view.light, strict=True)
-        ]
-    )
     rows, columns = view.small.shape[1:3]
 
     def enlarge(picture: np.ndarray) -> np.ndarray:
@@ -229,11 +225,14 @@ def _estimate_view(numbers: list[int], media: Media, view: _View, labels: Labels
         )
         return np.asarray(enlarged).view(picture.dtype)
 
-    covered, unseen = np.stack([enlarge(mask) for mask in labels.covered]), enlarge(labels.unseen)
-    learnt = ~enlarge(labels.same)
-    mean, std = np.empty((2, *frames.shape[1:]), np.float32) if view.film is None else view.film
+    unseen, learnt = enlarge(labels.unseen), ~enlarge(labels.same)
+    frames = np.empty((len(numbers), np.count_nonzero(learnt), 3), np.uint8)
+    for into, frame, light in zip(frames, media.frames(numbers), view.light, strict=True):
+        into[...] = relight_picture(frame, light, learnt)
+    covered = np.stack([enlarge(mask)[learnt] for mask in labels.covered])
+    mean, std = np.empty((2, *learnt.shape, 3), np.float32) if view.film is None else view.film
     count = (~learnt).astype(int)
-    mean[learnt], std[learnt], count[learnt] = masked_moments(frames[:, learnt], covered[:, learnt])
+    mean[learnt], std[learnt], count[learnt] = masked_moments(frames, covered)
     known = count > 0
     std[~known] = _UNIFORM_STD
     known |= np.isnan(unseen[..., 3])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
+
 import numpy as np
 import pytest
 from helpers import scenes
@@ -139,7 +141,7 @@ def swaying(count: int = 12) -> tuple[np.ndarray, np.ndarray]:
 
 
 def densities(frames: np.ndarray, region: np.ndarray) -> PixelDensities:
-    return PixelDensities(frames, region, median_moments(frames), False, None)
+    return PixelDensities(frames, region, median_moments(frames), None, False)
 
 
 def test_the_persons_colours_are_found_although_the_median_shows_them() -> None:
@@ -165,9 +167,10 @@ def test_others_cameras_say_where_the_person_is_who_hides_from_one() -> None:
     evidence[0] = -0.5
     beside = ~masks[1] & (np.arange(rig.width) < 30)
     evidence[1, 0, beside] = 4.0
-    covered = coverage.update(list(evidence))[:, 0]
+    pool = ThreadPoolExecutor(2)
+    covered = coverage.update(list(evidence), pool)[:, 0]
     assert (covered[0] & masks[0]).sum() > 0.5 * (covered[0] | masks[0]).sum()
     assert covered[1, beside].mean() < 0.3 and covered[1, masks[1]].mean() > 0.95
     clean = Coverage(Rays(rig, np.ones(masks.shape, bool)))
-    clean.update(list(np.where(masks, 4.0, -4.0)[:, None].astype(np.float32)))
+    clean.update(list(np.where(masks, 4.0, -4.0)[:, None].astype(np.float32)), pool)
     assert clean.agreement > coverage.agreement
