@@ -58,10 +58,12 @@ _UNIFORM_STD = 256 / np.sqrt(2 * np.pi) * np.exp(1 / 3)
 
 @dataclass(frozen=True, eq=False)
 class _View:
-    """A camera's samples: the frames' light (n, LIGHT_FLOATS) relative to that of their median, and
-    small pictures (n, h, w, 3) uint8 relit by the median's light. film: moments of a film of the
-    empty scene in that light; None without a film."""
+    """A camera's samples: the frames (n, H, W, 3) uint8, None if they are too large to be kept;
+    their light (n, LIGHT_FLOATS) relative to that of their median, and small pictures (n, h, w, 3)
+    uint8 relit by the median's light. film: moments of a film of the empty scene in that light;
+    None without a film."""
 
+    frames: np.ndarray | None
     light: np.ndarray
     small: np.ndarray
     film: Moments | None
@@ -96,7 +98,7 @@ def estimate_background_from_take(
     n_bytes = 3 * len(numbers) * rig.width * rig.height
     at_once = max(1, min(_READ_BYTES // n_bytes, os.cpu_count() or 1))
     with ThreadPoolExecutor(at_once) as readers, ThreadPoolExecutor() as pool:
-        read = partial(_read_samples, numbers, factor)
+        read = partial(_read_samples, numbers, factor, len(media) * n_bytes <= _READ_BYTES)
         views = list(readers.map(read, media, films or [None] * len(media)))
         small = rig.scaled(factor)
         frames = _stack([view.small for view in views], small)
@@ -166,7 +168,9 @@ def _maximise(
     return coverage.agreement, list(labels)
 
 
-def _read_samples(numbers: list[int], factor: float, media: Media, film: Media | None) -> _View:
+def _read_samples(
+    numbers: list[int], factor: float, keep: bool, media: Media, film: Media | None
+) -> _View:
     frames = np.empty((len(numbers), *media.size[::-1], 3), np.uint8)
     for into, frame in zip(frames, media.frames(numbers), strict=True):
         into[...] = frame
@@ -175,15 +179,12 @@ def _read_samples(numbers: list[int], factor: float, media: Media, film: Media |
     relit = map(relight_picture, frames, light)
     small = np.stack([scale_picture(picture, factor) for picture in relit])
     if film is None:
-        return _View(light, small, None)
+        return _View(frames if keep else None, light, small, None)
     mean, std = view_moments(film)
     of = _estimate_frame_light(mean, median)
-    row, column = np.indices(mean.shape[:2], sparse=True)
-    gains, offsets = (
-        np.float32(of[:3]) * light_field(of, row, column)[..., None],
-        np.float32(of[3:6]),
-    )
-    return _View(light, small, ((mean - offsets) / gains, std / gains))
+    field = light_field(of, *np.indices(mean.shape[:2], sparse=True))[..., None]
+    gains, offsets = np.float32(of[:3]) * field, np.float32(of[3:6])
+    return _View(frames if keep else None, light, small, ((mean - offsets) / gains, std / gains))
 
 
 def _estimate_frame_light(frame: np.ndarray, median: np.ndarray) -> np.ndarray:
@@ -227,7 +228,8 @@ def _estimate_view(numbers: list[int], media: Media, view: _View, labels: Labels
 
     unseen, learnt = enlarge(labels.unseen), ~enlarge(labels.same)
     frames = np.empty((len(numbers), np.count_nonzero(learnt), 3), np.uint8)
-    for into, frame, light in zip(frames, media.frames(numbers), view.light, strict=True):
+    again = media.frames(numbers) if view.frames is None else view.frames
+    for into, frame, light in zip(frames, again, view.light, strict=True):
         into[...] = relight_picture(frame, light, learnt)
     covered = np.stack([enlarge(mask)[learnt] for mask in labels.covered])
     mean, std = np.empty((2, *learnt.shape, 3), np.float32) if view.film is None else view.film

@@ -24,7 +24,8 @@ if TYPE_CHECKING:
 
 #: Containers that store their number of frames; others' headers estimate it from the duration.
 _COUNTING_FORMATS = {"mov", "avi"}
-#: A jump ahead of at most this many frames is decoded instead of sought.
+#: A jump ahead of at most this many frames, or one without a key in between, is decoded instead of
+#: sought.
 _SHORT_JUMP = 32
 
 
@@ -208,10 +209,13 @@ class VideoDecoder:
         """Decode one frame, (h, w, 3) uint8 BGR, in `into`, a contiguous array of that size, if
         there is one. Raises InputError naming file and frame."""
         index = index if self._picks is None else self._picks[index]
-        if not self._next <= index <= self._next + _SHORT_JUMP:
+        far = not self._next <= index <= self._next + _SHORT_JUMP
+        if far and (index < self._next or self._passes_key(index)):
             self._jump(index)
-        skipped = islice(self._frames, index - self._next, None)
-        frame = next(skipped, None)
+        frame = next(islice(self._frames, index - self._next, None), None)
+        if frame is None and far:  # one in between may be corrupt
+            self._jump(index)
+            frame = next(islice(self._frames, index - self._next, None), None)
         self._next = index + 1
         if frame is None:
             self._frames = iter(())
@@ -223,6 +227,12 @@ class VideoDecoder:
 
     def close(self) -> None:
         self._frames = iter(())
+
+    def _passes_key(self, index: int) -> bool:
+        """Return whether there is a key to decode from between the next frame and a later one."""
+        keys, stamps = self._index.keys, self._index.stamps
+        between = slice(self._next + 1, index + 1)
+        return keys is not None and bool(np.isin(stamps[between], keys).any())
 
     def _jump(self, index: int) -> None:
         """Go to a frame: by one of the two keys before it, or from the start if these do not lead
