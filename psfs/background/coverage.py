@@ -110,8 +110,8 @@ class Coverage:
             voxels, nats = views[view]
             others = rays.project(view, total[:, voxels] - nats)
             person, meet = evidence[view] > 0, others > 0
-            counts = np.count_nonzero(person & meet), np.count_nonzero(person | meet)
-            return evidence[view] + others > 0, *counts
+            alike, either = np.count_nonzero(person & meet), np.count_nonzero(person | meet)
+            return evidence[view] + others > 0, int(alike), int(either)
 
         covered, alike, either = zip(*pool.map(ask_others, range(len(rays))), strict=True)
         self.agreement = sum(alike) / max(1, sum(either))

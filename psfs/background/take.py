@@ -182,7 +182,8 @@ def _read_samples(
         return _View(frames if keep else None, light, small, None)
     mean, std = view_moments(film)
     of = _estimate_frame_light(mean, median)
-    field = light_field(of, *np.indices(mean.shape[:2], sparse=True))[..., None]
+    row, column = map(np.arange, mean.shape[:2])
+    field = light_field(of, row[:, None], column)[..., None]
     gains, offsets = np.float32(of[:3]) * field, np.float32(of[3:6])
     return _View(frames if keep else None, light, small, ((mean - offsets) / gains, std / gains))
 
