@@ -64,7 +64,7 @@ def bone_point_jacobian(
     """
     directions, anchors = world_axes(body, poses) if axes is None else axes
     moves = bone_moves(body)[bone][:, :, None]
-    turns = np.cross(directions[:, None], points[:, :, None] - anchors[:, None])
+    turns = cross_rows(directions[:, None], points[:, :, None] - anchors[:, None])
     return np.where(moves == _SLIDES, directions[:, None], np.where(moves == _TURNS, turns, 0.0))
 
 
@@ -84,9 +84,17 @@ def point_jacobian(
     """
     directions, anchors = world_axes(body, pose) if axes is None else axes
     slides = directions @ normal.T
-    turns = directions @ np.cross(points, normal).T - np.cross(directions, anchors) @ normal.T
+    moments, lever = cross_rows(points, normal), cross_rows(directions, anchors)
+    turns = directions @ moments.T - lever @ normal.T
     moves = cone_moves(body)[cone].T
     return np.where(moves == _SLIDES, slides, np.where(moves == _TURNS, turns, 0.0))
+
+
+def cross_rows(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Return the cross products (..., 3) of vectors (..., 3), bitwise equal to `np.cross`, which
+    takes several times as long for some hundred of them."""
+    ax, ay, az, bx, by, bz = (of[..., k] for of in (a, b) for k in range(3))
+    return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], -1)
 
 
 def distance_jacobian(

@@ -13,8 +13,9 @@ do not go through the floor: without them, nothing would say how long the shanks
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import cv2
 import numpy as np
@@ -26,6 +27,9 @@ from apf.initialisation.shape_model import SPREAD, place_points, surface_displac
 from psfs.cameras.camera import CameraRig
 from psfs.common.least_squares import REACH, robust_weights
 from psfs.common.numbers import pick_evenly
+from psfs.common.progress import map_in_threads
+
+T = TypeVar("T")
 
 #: Standard deviations of a person's measures around the tracked body; lengths as in a start. Joints
 #: in the flesh, m: hinges are felt through the skin, within 10 mm; regressions from bony marks miss
@@ -52,6 +56,8 @@ _COEFFICIENTS = _RINGS * (2 * _HARMONICS - 1) + 2
 _SOLE, _BELOW = 0.005, 0.1
 #: Distances, m, at which a ray counts a quarter, from the first step to the last.
 _REACHES = np.geomspace(0.08, 0.03, 7)
+#: Frames that a thread works on at a time.
+_TOGETHER = 4
 #: Number of steps of poses whose body is known.
 _STEPS = 6
 #: Share of a pose's own normal matrix added to its diagonal (Levenberg 1944).
@@ -266,9 +272,10 @@ def _harmonics(coordinates: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class _Normal:
-    """The normal equations of one frame: matrices pose by pose (D, D) and pose by measures (D, S),
-    weighted derivatives (S, K) by the measures, and gradients (D,), (S,)."""
+    """The normal equations of the frame of a number: matrices pose by pose (D, D) and pose by
+    measures (D, S), weighted derivatives (S, K) by the measures, and gradients (D,), (S,)."""
 
+    frame: int
     poses: np.ndarray
     mixed: np.ndarray
     slopes: np.ndarray
@@ -280,6 +287,13 @@ class _Normal:
         subtracted."""
         solved = np.linalg.solve(self.poses, np.column_stack([self.mixed, self.pull]))
         return solved[:, :-1], solved[:, -1]
+
+    def reduce(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Return the result of `eliminate`, and the normal equations (S, S), (S,) of the measures
+        that are left."""
+        response, step = self.eliminate()
+        matrix = self.slopes @ self.slopes.T - self.mixed.T @ response
+        return response, step, matrix, self.gradient - self.mixed.T @ step
 
 
 class PersonalFit:
@@ -304,16 +318,14 @@ class PersonalFit:
         for reach in _REACHES if chosen else ():
             precision = self.shape.spread**-2.0
             matrix, vector = np.diag(precision), precision * measures
-            solved = []
-            for normal in self._linearise(measures, moved, tracked, some, reach):
-                response, step = normal.eliminate()
-                matrix += normal.slopes @ normal.slopes.T - normal.mixed.T @ response
-                vector += normal.gradient - normal.mixed.T @ step
-                solved.append((response, step))
+            found = self._linearise(_Normal.reduce, measures, moved, tracked, some, reach)
+            for _, _, own, pull in found:
+                matrix += own
+                vector += pull
             covariance = np.linalg.inv(matrix)
             change = -covariance @ vector
             measures = measures + change
-            steps = [response @ change + step for response, step in solved]
+            steps = [response @ change + step for response, step, _, _ in found]
             moved = self._clip(moved - np.stack(steps))
         return measures, covariance
 
@@ -326,11 +338,11 @@ class PersonalFit:
         some = [of for of, use in zip(outlines, usable, strict=True) if use]
         fitted = poses.copy()
         for _ in range(_STEPS if some else 0):
-            frames = self._linearise(
-                measures, fitted[usable], poses[usable], some, _REACHES[-1], free=False
-            )
-            steps = np.stack([normal.eliminate()[1] for normal in frames])
-            fitted[usable] = self._clip(fitted[usable] - steps)
+            found = self._linearise(
+                _Normal.eliminate, measures, fitted[usable], poses[usable], some, _REACHES[-1],
+                free=False,
+            )  # fmt: skip
+            fitted[usable] = self._clip(fitted[usable] - np.stack([step for _, step in found]))
         return fitted
 
     def joint_covariance(
@@ -348,18 +360,22 @@ class PersonalFit:
         moves = bone_point_jacobian(body, poses, bones, posed_joints(body, poses))
         moves = moves.swapaxes(2, 3).reshape(len(poses), 3 * count, -1)
         moved = self.shape.move_joints(measures, poses).reshape(self.shape.n_built, len(poses), -1)
-        spread, each = np.empty((len(poses), count, 3, 3)), np.arange(count)
-        frames = self._linearise(measures, poses, poses, outlines, _REACHES[-1])
-        for number, (normal, turns) in enumerate(zip(frames, moves, strict=True)):
+        each = np.arange(count)
+
+        def leave_open(normal: _Normal) -> np.ndarray:
+            turns = moves[normal.frame]
             grown = -turns @ normal.eliminate()[0]
-            grown[:, : self.shape.n_built] += moved[:, number].T
+            grown[:, : self.shape.n_built] += moved[:, normal.frame].T
             alone = turns @ np.linalg.solve(normal.poses, turns.T)
             every = (alone + grown @ covariance @ grown.T).reshape(count, 3, count, 3)
-            spread[number] = every[each, :, each]
-        return spread
+            return np.asarray(every[each, :, each])
+
+        found = self._linearise(leave_open, measures, poses, poses, outlines, _REACHES[-1])
+        return np.array(found).reshape(len(poses), count, 3, 3)
 
     def _linearise(
         self,
+        use: Callable[[_Normal], T],
         measures: np.ndarray,
         poses: np.ndarray,
         tracked: np.ndarray,
@@ -367,8 +383,9 @@ class PersonalFit:
         reach: float,
         *,
         free: bool = True,
-    ) -> Iterator[_Normal]:
-        """Yield the normal equations of each frame. free: whether the measures may change."""
+    ) -> list[T]:
+        """Return what `use` makes of the normal equations of each frame, in threads. free: whether
+        the measures may change."""
         shape, template = self.shape, self.template
         body, n = shape.body(measures), template.n_dof
         cones = posed_cones(body, poses)
@@ -380,30 +397,45 @@ class PersonalFit:
         soles = cones[:, self._soles]
         lowest = (soles[..., [2, 6]] - soles[..., [3, 7]]).min((1, 2), initial=0.0)
         has_floor = bool(self._soles) and bool(np.median(lowest) > -_BELOW)
-        axes = np.swapaxes(world_axes(body, poses), 0, 1)
-        for of, pose, start, mine, growth, turns in zip(
-            outlines, poses, tracked, cones, growths, axes, strict=True
-        ):
-            cone, coordinates, normal, gap = nearest_outline(of, mine)
+        directions, anchors = world_axes(body, poses)
+
+        def linearise(first: int) -> list[T]:
+            block = range(first, min(first + _TOGETHER, len(poses)))
+            several = outlines[block.start : block.stop]
+            frame, cone, coordinates, normal, gap = nearest_outline(several, cones[block])
+            here = place_points(cones[block][frame, cone], coordinates)
             bulged = shape.bulges(cone, coordinates)
             gap = gap - bulged @ measures[shape.n_built :]
-            here = place_points(mine[cone], coordinates)
-            rows = [
-                point_jacobian(body, pose, cone, here, normal, turns),
-                surface_displacements(mine, growth, cone, coordinates, normal),
-                bulged.T if free else np.zeros((0, len(of))),
-            ]
             root = np.sqrt(robust_weights(gap, reach / REACH) / _SHARED) / _NOISE
-            slopes, gaps = np.concatenate(rows) * root, gap * root
-            if has_floor:
-                sole, depth = self._find_sunken(body, pose, mine, growth, turns)
-                sole = np.pad(sole, ((0, len(slopes) - len(sole)), (0, 0)))
-                slopes = np.concatenate([slopes, sole / _SOLE], 1)
-                gaps = np.concatenate([gaps, depth / _SOLE])
-            matrix, vector = slopes[:n] @ slopes.T, -slopes @ gaps
-            own = matrix[:, :n] + np.diag(self._prior + _DAMPING * np.diag(matrix))
-            pull = vector[:n] + self._prior * (pose - start)
-            yield _Normal(own, matrix[:, n:], slopes[n:], pull, vector[n:])
+            ends = np.cumsum([len(of) for of in several])
+            used = []
+            for number, end in zip(block, ends, strict=True):
+                own = slice(end - len(outlines[number]), end)
+                pose, turns = poses[number], (directions[number], anchors[number])
+                rows = [point_jacobian(body, pose, cone[own], here[own], normal[own], turns)]
+                if free:
+                    on = cone[own], coordinates[own], normal[own]
+                    rows.append(surface_displacements(cones[number], growths[number], *on))
+                    rows.append(bulged[own].T)
+                slopes, gaps = np.concatenate(rows) * root[own], gap[own] * root[own]
+                if has_floor:
+                    sole, depth = self._find_sunken(
+                        body, pose, cones[number], growths[number], turns
+                    )
+                    rises = np.zeros((len(slopes), len(depth)))
+                    rises[: len(sole)] = sole / _SOLE
+                    slopes = np.concatenate([slopes, rises], 1)
+                    gaps = np.concatenate([gaps, depth / _SOLE])
+                matrix, vector = slopes[:n] @ slopes.T, -slopes @ gaps
+                by_pose = matrix[:, :n] + np.diag(self._prior + _DAMPING * np.diag(matrix))
+                pull = vector[:n] + self._prior * (pose - tracked[number])
+                used.append(
+                    use(_Normal(number, by_pose, matrix[:, n:], slopes[n:], pull, vector[n:]))
+                )
+            return used
+
+        blocks = map_in_threads(linearise, range(0, len(poses), _TOGETHER))
+        return [each for block in blocks for each in block]
 
     def _find_sunken(
         self,
@@ -418,7 +450,7 @@ class PersonalFit:
         sole, end = np.repeat(self._soles, 2), np.tile([0, 4], len(self._soles))
         below = cones[sole, end + 2] < cones[sole, end + 3]
         sole, end = sole[below], end[below]
-        up = np.tile([0.0, 0.0, 1.0], (len(sole), 1))
+        up = np.broadcast_to([0.0, 0.0, 1.0], (len(sole), 3))
         points = cones[sole[:, None], end[:, None] + np.arange(3)]
         by_pose = point_jacobian(body, pose, sole, points, up, axes)
         rise = growth[:, sole, end + 2] - growth[:, sole, end + 3]
@@ -429,33 +461,39 @@ class PersonalFit:
 
 
 def nearest_outline(
-    outlines: Outlines, cones: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return where rays (K) pass nearest to posed cones (C, 16), or deepest inside one.
+    outlines: Sequence[Outlines], cones: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Return where the rays (K) of some frames' outlines pass nearest to posed cones (M, C, 16), or
+    deepest inside one.
 
-    The cone (K,), the coordinates (K, 4) of the point on its surface (see `place_points`), the
-    surface's normal (K, 3) there, and the distance (K,) m of the ray from it, negative inside.
+    The frame (K,), from 0, and the cone (K,), the coordinates (K, 4) of the point on its surface
+    (see `place_points`), the surface's normal (K, 3) there, and the distance (K,) m of the ray from
+    it, negative inside.
     """
-    rays = outlines.rays.astype(np.float64)
-    axis = cones[:, 4:7] - cones[:, 0:3]
+    frame = np.repeat(np.arange(len(outlines)), [len(of) for of in outlines])
+    axis = cones[..., 4:7] - cones[..., 0:3]
     length = np.linalg.norm(axis, axis=-1)
     # Axes in which a cone's section is a circle.
-    frames = np.stack([cones[:, 8:11], cones[:, 12:15], axis / length[:, None]])
-    centres = np.einsum("icj,vcj->ivc", frames, outlines.centres[:, None] - cones[:, 0:3])
-    start, along = centres[:, outlines.views], rays @ frames.swapaxes(1, 2)
+    frames = np.stack([cones[..., 8:11], cones[..., 12:15], axis / length[..., None]], 1)
+    starts, ways = [], []
+    for of, own, turns in zip(outlines, cones, frames, strict=True):
+        centres = np.einsum("icj,vcj->ivc", turns, of.centres[:, None] - own[:, 0:3])
+        starts.append(centres[:, of.views])
+        ways.append(of.rays.astype(np.float64) @ turns.swapaxes(1, 2))
+    start, along, reach = np.concatenate(starts, 1), np.concatenate(ways, 1), length[frame]
     across = along[0] ** 2 + along[1] ** 2
     nearest = -(start[0] * along[0] + start[1] * along[1]) / np.maximum(across, 1e-12)
-    t = np.clip((start[2] + nearest * along[2]) / length, 0, 1)
-    start[2] -= t * length
+    t = np.clip((start[2] + nearest * along[2]) / reach, 0, 1)
+    start[2] -= t * reach
     passed = start - np.sum(start * along, 0) / (across + along[2] ** 2) * along
     distance = np.sqrt(np.sum(passed**2, 0))
-    signed = distance - (cones[:, 3] + t * (cones[:, 7] - cones[:, 3]))
-    cone, row = signed.argmin(1), np.arange(len(rays))
+    signed = distance - (cones[..., 3][frame] + t * (cones[..., 7] - cones[..., 3])[frame])
+    cone, row = signed.argmin(1), np.arange(len(frame))
     direction = (passed[:, row, cone] / np.maximum(distance[row, cone], 1e-9)).T
     coordinates = np.column_stack([t[row, cone], direction[:, 2], direction[:, :2]])
-    normal = (direction[:, None] @ frames[:, cone].swapaxes(0, 1))[:, 0]
+    normal = (direction[:, None] @ frames[frame, :, cone])[:, 0]
     scale = np.maximum(np.linalg.norm(normal, axis=1), 1e-9)
-    return cone, coordinates, normal / scale[:, None], signed[row, cone] / scale
+    return frame, cone, coordinates, normal / scale[:, None], signed[row, cone] / scale
 
 
 def _pair_beside(body: BodyModel, joint: Joint) -> tuple[str, ...]:
