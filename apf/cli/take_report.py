@@ -15,25 +15,12 @@ from apf.request import TrackRequest
 from apf.takes.job import list_inputs
 from apf.takes.results import RESULTS, FinishedTake, Judgement, was_interrupted
 from apf.takes.track import run_track
-from apf.tracking.progress import ProgressLine, StageProgress
+from apf.tracking.progress import StageProgress
 from apf.tracking.take import Take
 from apf.tracking.track import PEOPLE, spans
 from cl import Device, InputError, NumpyDevice
-from psfs.cli.commandline import remark, stderr, stdout, warn
+from psfs.cli.commandline import stderr, stdout
 from psfs.common.outputs import output_folder
-
-
-class TakeLine(ProgressLine):
-    """The line of a take in the bar of a command, which prints what there is to tell."""
-
-    def warn(self, text: str) -> None:
-        warn(text)
-
-    def note(self, text: str) -> None:
-        remark("note", "cyan", text)
-
-    def tell(self, text: str) -> None:
-        stderr.print(text)
 
 
 def track_one(

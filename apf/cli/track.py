@@ -4,35 +4,59 @@ from __future__ import annotations
 
 from contextlib import ExitStack
 
-from apf.backend import check_renderer
-from apf.cli.take_report import TakeLine, track_one
 from apf.request import TrackRequest
-from apf.takes.job import take_names
-from apf.takes.track import check_request
-from apf.tracking.progress import make_stage_bar, show_bar
-from cl import InputError, select_device
-from psfs.cli.commandline import is_quiet, stderr
+from apf.tracking.progress import ProgressLine, make_stage_bar, show_bar
+from cl import InputError
+from psfs.cli.commandline import is_quiet, remark, stderr, warn
+
+
+class TakeLine(ProgressLine):
+    """The line of a take in the bar of a command, which prints what there is to tell."""
+
+    def warn(self, text: str) -> None:
+        warn(text)
+
+    def note(self, text: str) -> None:
+        remark("note", "cyan", text)
+
+    def tell(self, text: str) -> None:
+        stderr.print(text)
 
 
 def run(request: TrackRequest) -> None:
     if request.triangulate:
-        from apf.cli.triangulate import run_triangulate  # takes a while to load
+        from apf.cli.triangulate import run_triangulate
 
-        run_triangulate(request, take_names(request.folders))
-        return
-    check_request(request)
-    if len(request.folders) > 1:
-        request.refuse(["corrections"], "applies only to one take; expected none with several")
-        if request.init is not None:
-            raise InputError("--init is the first pose of one take; expected none with several")
-        from apf.cli.batch import run as run_batch  # takes a while to load
+        run_triangulate(request)
+    elif len(request.folders) > 1:
+        _run_batch(request)
+    else:
+        _run_one(request)
 
-        run_batch(request.batch())
-        return
+
+def _run_one(request: TrackRequest) -> None:
     bar = make_stage_bar(stderr.console, is_quiet())
-    line = TakeLine(bar)
     with ExitStack() as stack:
         stack.enter_context(show_bar(bar))
+        line = TakeLine(bar)
+        # The bar is shown while these are loaded, which takes a second.
+        from apf.backend import check_renderer
+        from apf.cli.take_report import track_one
+        from apf.takes.track import check_request
+        from cl import select_device
+
+        check_request(request)
         device = select_device(request.device)
         check_renderer(device, request.method)
         track_one(request, device, line, stack.close)
+
+
+def _run_batch(request: TrackRequest) -> None:
+    from apf.cli.batch import run as run_batch
+    from apf.takes.track import check_request
+
+    check_request(request)
+    request.refuse(["corrections"], "applies only to one take; expected none with several")
+    if request.init is not None:
+        raise InputError("--init is the first pose of one take; expected none with several")
+    run_batch(request.batch())

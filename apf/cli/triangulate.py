@@ -6,10 +6,11 @@ from pathlib import Path
 
 import numpy as np
 
-from apf.cli.take_report import TakeLine
+from apf.cli.track import TakeLine
 from apf.keypoints.keypoints import Keypoints
 from apf.report.drawing import write_overlay
 from apf.request import TRIANGULATE, TrackRequest
+from apf.takes.job import take_names
 from apf.takes.keypoints import (
     find_seen_frames,
     open_people_keypoints,
@@ -35,13 +36,13 @@ _OF_BODIES = {
 RESULTS = ("track.npz", "joints.trc", "joints.csv", "overlay.mp4", SETTINGS)
 
 
-def run_triangulate(request: TrackRequest, names: list[str]) -> None:
+def run_triangulate(request: TrackRequest) -> None:
     """Triangulate the keypoints of every folder: of one into OUT, of several into OUT/NAME. A take
     that fails does not stop the others. Raises InputError."""
     if request.keypoints is None:
         raise InputError(f"--method {TRIANGULATE} has nothing to triangulate; expected --keypoints")
     request.refuse(_OF_BODIES, f"applies only to bodies, which --method {TRIANGULATE} does without")
-    output = request.output
+    output, names = request.output, take_names(request.folders)
     assert output is not None
     if len(request.folders) == 1:
         _triangulate(request, output)

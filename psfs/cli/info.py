@@ -6,7 +6,7 @@ import numpy as np
 from rich.table import Table
 
 from cl import select_device
-from psfs.cli.commandline import remark, stdout, warn
+from psfs.cli.commandline import progress_bar, remark, stdout, warn
 from psfs.common.files import check_picture_name, write_picture
 from psfs.diagnostics.examination import examine
 from psfs.diagnostics.faults import diagnose
@@ -46,7 +46,9 @@ def run(request: InfoRequest) -> None:
 
 def _say_faults(session: Session, warnings: list[str]) -> None:
     """Print `warnings` and the faults found in the pictures, one line each."""
-    found = examine(session)
+    with progress_bar() as bar:
+        bar.add_task("examining", total=None)
+        found = examine(session)
     if session.sequence.settings.sync == "auto":
         for note in found.session.sequence.timing_notes:
             remark("note", "cyan", note)

@@ -65,31 +65,33 @@ def run(request: ReconstructRequest) -> None:
 
 
 def _reconstruct(request: ReconstructRequest, out: OutputFolder) -> None:
-    device = select_device(request.device, profile=True)
-    opened = open_sequence(request)
-    body = None if request.track is None else TrackedBody.open(request.track)
-    out.check_inputs([*opened.inputs, *([] if body is None else [body.path])])
-    select_frames(request.frames, opened)  # before the pictures are examined, which takes seconds
-    prepared = prepare_reconstruction(request, opened, device, warn, body)
-    session, grid = prepared.session, prepared.grid
-    sequence, frames = session.sequence, session.frames
-    _warn_of_fine_voxels(grid, sequence)
-    job = _Job(prepared)
-    try:
-        with progress_bar() as bar:
-            shown = sequence.frames(session.settings.selection)
-            for frame in bar.track(shown, len(frames), description="reconstructing"):
+    with progress_bar() as bar:
+        task = bar.add_task("examining", total=None)
+        device = select_device(request.device, profile=True)
+        opened = open_sequence(request)
+        body = None if request.track is None else TrackedBody.open(request.track)
+        out.check_inputs([*opened.inputs, *([] if body is None else [body.path])])
+        select_frames(request.frames, opened)  # before the examination, which takes seconds
+        prepared = prepare_reconstruction(request, opened, device, warn, body)
+        session, grid = prepared.session, prepared.grid
+        sequence, frames = session.sequence, session.frames
+        _warn_of_fine_voxels(grid, sequence)
+        job = _Job(prepared)
+        try:
+            bar.update(task, description="reconstructing", total=len(frames))
+            for frame in sequence.frames(session.settings.selection):
                 job.reconstruct(frame)
-    except UserError as error:
-        job.keep()
-        if not job.done:
+                bar.advance(task)
+        except UserError as error:
+            job.keep()
+            if not job.done:
+                raise
+            raise InputError(
+                f"{error}; {job.n_stated} of {len(frames)} frames are in {request.output}"
+            ) from error
+        except BaseException:
+            job.keep()
             raise
-        raise InputError(
-            f"{error}; {job.n_stated} of {len(frames)} frames are in {request.output}"
-        ) from error
-    except BaseException:
-        job.keep()
-        raise
     job.finish()
     if not job.done:
         raise InputError(
