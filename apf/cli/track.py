@@ -7,7 +7,7 @@ from contextlib import ExitStack
 from apf.request import TrackRequest
 from apf.tracking.progress import ProgressLine, make_stage_bar, show_bar
 from cl import InputError
-from psfs.cli.commandline import is_quiet, remark, stderr, warn
+from psfs.cli.commandline import is_quiet, progress_bar, remark, stderr, warn
 
 
 class TakeLine(ProgressLine):
@@ -27,7 +27,7 @@ def run(request: TrackRequest) -> None:
     if request.triangulate:
         from apf.cli.triangulate import run_triangulate
 
-        run_triangulate(request)
+        run_triangulate(request, TakeLine(progress_bar()))
     elif len(request.folders) > 1:
         _run_batch(request)
     else:

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 
-from apf.cli.track import TakeLine
 from apf.keypoints.keypoints import Keypoints
 from apf.report.drawing import write_overlay
 from apf.request import TRIANGULATE, TrackRequest
@@ -18,6 +17,7 @@ from apf.takes.keypoints import (
     read_keypoints,
 )
 from apf.tracking.people import PeopleTracks, person_folder
+from apf.tracking.progress import StageProgress
 from apf.tracking.track import PEOPLE, Track
 from apf.tracking.triangulated import triangulate_track
 from cl import InputError, UserError
@@ -36,23 +36,23 @@ _OF_BODIES = {
 RESULTS = ("track.npz", "joints.trc", "joints.csv", "overlay.mp4", SETTINGS)
 
 
-def run_triangulate(request: TrackRequest) -> None:
+def run_triangulate(request: TrackRequest, line: StageProgress) -> None:
     """Triangulate the keypoints of every folder: of one into OUT, of several into OUT/NAME. A take
-    that fails does not stop the others. Raises InputError."""
+    that fails does not stop the others. line: tells what there is to tell. Raises InputError."""
     if request.keypoints is None:
         raise InputError(f"--method {TRIANGULATE} has nothing to triangulate; expected --keypoints")
     request.refuse(_OF_BODIES, f"applies only to bodies, which --method {TRIANGULATE} does without")
     output, names = request.output, take_names(request.folders)
     assert output is not None
     if len(request.folders) == 1:
-        _triangulate(request, output)
+        _triangulate(request, output, line)
         return
     failed: dict[str, UserError] = {}
     with output_folder(output, request.COMMAND, request.folders) as outer:
         outer.begin()  # remove the results of an earlier single take
         for folder, name in zip(request.folders, names, strict=True):
             try:
-                _triangulate(request.replace(folders=(folder,)), output / name)
+                _triangulate(request.replace(folders=(folder,)), output / name, line)
             except UserError as error:
                 failed[name] = error
     for name, why in failed.items():
@@ -61,7 +61,7 @@ def run_triangulate(request: TrackRequest) -> None:
         raise InputError(f"{len(failed)} of {len(names)} takes failed: {join_names(failed)}")
 
 
-def _triangulate(request: TrackRequest, output: Path) -> None:
+def _triangulate(request: TrackRequest, output: Path, line: StageProgress) -> None:
     """Triangulate one take, and write track.npz, joints.trc, joints.csv of each person, and the
     overlay; of several people also people.json."""
     sequence = open_sequence(request)
@@ -73,7 +73,6 @@ def _triangulate(request: TrackRequest, output: Path) -> None:
         people = open_people_keypoints(request.keypoints, sequence, number, warn)
     several = bool(people)
     if not several:
-        line = TakeLine(progress_bar())
         keypoints = read_keypoints(request.keypoints, sequence, line).keypoints
         assert keypoints is not None
         people = [keypoints]
