@@ -40,7 +40,7 @@ from psfs.common.least_squares import (
     prior,
     solve,
 )
-from psfs.common.progress import one_blas_thread
+from psfs.common.progress import map_in_threads, one_blas_thread
 
 #: Independent frames, and independent distances of a frame's surface voxels and of its body.
 _INDEPENDENT_FRAMES, _INDEPENDENT_DISTANCES = 2.0, 20.0
@@ -158,18 +158,24 @@ class SurfaceEvidence:
         body = model.body(at.shape)
         cones = posed_cones(body, at.poses)
         growths = model.growths(body, at.poses, cones)
-        frames, weights, rows = [], [], list[tuple[np.ndarray, np.ndarray, np.ndarray]]()
-        for frame, (cloud, pose, mine) in enumerate(zip(self.clouds, at.poses, cones, strict=True)):
-            cone, coordinates, target, share = find_contacts(model.template, cloud, mine)
+
+        def touch(frame: int) -> tuple[tuple[np.ndarray, np.ndarray, np.ndarray], np.ndarray]:
+            pose, mine = at.poses[frame], cones[frame]
+            cone, coordinates, target, share = find_contacts(
+                model.template, self.clouds[frame], mine
+            )
             here = place_points(mine[cone], coordinates)
             normal = cone_normals(here, mine[cone])
             normal /= np.maximum(np.sqrt(dot(normal, normal)), 1e-9)[:, None]
             by_pose = point_jacobian(body, pose, cone, here, normal)
             by_shape = surface_displacements(mine, growths[frame], cone, coordinates, normal)
-            rows.append((dot(normal, here - target), by_pose.T, by_shape.T))
-            frames.append(np.full(len(cone), frame))
-            weights.append(_INDEPENDENT_DISTANCES * share)
-        touching = _stack(np.concatenate(frames), rows, weights=np.concatenate(weights))
+            return (dot(normal, here - target), by_pose.T, by_shape.T), share
+
+        found = map_in_threads(touch, range(len(self.clouds)))
+        rows, shares = zip(*found, strict=True)
+        frames = np.repeat(np.arange(len(rows)), [len(share) for share in shares])
+        weights = _INDEPENDENT_DISTANCES * np.concatenate(shares)
+        touching = _stack(frames, rows, weights=weights)
         return [touching, *self._stand(body, at.poses, cones, growths)]
 
     def _stand(
