@@ -19,14 +19,13 @@ def read_pose(path: Path, body: BodyModel) -> np.ndarray:
 
     Raises InputError naming the file if it is missing, not numbers, or of another body.
     """
-    values = read_numbers(path)
-    if not values.size or values.size % body.n_dof or not np.isfinite(values).all():
+    pose = read_numbers(path)
+    if pose.size != body.n_dof or not np.isfinite(pose).all():
         raise InputError(
-            f"{path}: {values.size} values; expected {body.n_dof} finite ones, "
+            f"{path}: {pose.size} values; expected {body.n_dof} finite ones, "
             f"one per degree of freedom of {body.name}"
         )
     _check_names(path, body)
-    pose = values[: body.n_dof]  # the first of several frames
     check_pose(pose, body, path)
     return pose
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Callable
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from apf.formats.writers import BODY_WRITERS, WRITERS
@@ -56,16 +58,21 @@ class ExportPanel:
         self._message.content = make_text(words)
 
     def make_file(self) -> tuple[str, bytes]:
-        """Return name and content of the chosen file. Raises UserError."""
+        """Return name and content of the chosen file, a ZIP of them if the track makes several.
+        Raises UserError."""
         assert self._watch is not None
         name, ending = read_choice(self.person), read_choice(self.ending)
         track: Track = self._watch.opened.tracks[name]
         if self.smooth.value and track.smoothing is None and len(track) > 1:
             track = smooth_track(track)
         with temporary_folder() as folder:
-            path = folder / f"track{ending}"
-            track.save(path)
-            return f"{name}{ending}", path.read_bytes()
+            track.save(folder / f"{name}{ending}")
+            files = list(folder.iterdir())
+            if len(files) == 1:
+                return files[0].name, files[0].read_bytes()
+            with temporary_folder() as beside:
+                packed = shutil.make_archive(str(beside / name), "zip", folder)
+                return f"{name}.zip", Path(packed).read_bytes()
 
     def read_report(self) -> tuple[str, bytes]:
         """Return name and content of the report."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import io
+import zipfile
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -124,6 +126,20 @@ def test_what_a_browser_sends_for_a_file_is_one_of_the_options(
         field.value = before
     assert not (tmp_path / "out.bvh").exists()
     assert page.export.make_file()[0] == "walk.bvh"
+
+
+def test_a_file_that_has_another_beside_it_is_packed_with_it(
+    tmp_path: Path, open_page: Callable[[Path], Page]
+) -> None:
+    folder = save_track(tmp_path / "runs" / "walk")
+    track = replace(tracks.walker(), diagnostics={"lost": np.arange(30) > 25})
+    track.save(folder / "track.npz")
+    page = open_page(folder.parent)
+    page.open(folder)
+    page.export.ending.value = ".mot"
+    name, content = page.export.make_file()
+    with zipfile.ZipFile(io.BytesIO(content)) as packed:
+        assert name == "walk.zip" and set(packed.namelist()) == {"walk.mot", "walk_filled.csv"}
 
 
 def test_running_track_is_watched_by_its_parts(
