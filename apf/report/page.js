@@ -315,13 +315,26 @@ section(page.agreement, ["agreement-section"], ({ cameras, body, voxels: hulls }
       line: { color: COLOURS[i % COLOURS.length], width: 1, dash: "dot" } }),
   ]), layout("IoU", { yaxis: { title: { text: "IoU" }, range: [0, 1.02] } })));
 
+/** The area in which a curve's values may lie, run by run of what is known. */
+function area(one, color) {
+  let x = [], y = [];
+  for (let at = 0, end; at < nRows; at = end + 1) {
+    for (end = at; end < nRows && one.band[end] !== null;) end++;
+    const rows = Array.from({ length: end - at }, (_, i) => at + i), back = [...rows].reverse();
+    x = x.concat([...rows, ...back].map((i) => page.frames[i]), null);
+    y = y.concat(rows.map((i) => one.values[i] + one.band[i]), back.map((i) => one.values[i] - one.band[i]), null);
+  }
+  return { x, y, fill: "toself", fillcolor: `${color}22`, mode: "none", hoverinfo: "skip", showlegend: false };
+}
+
 /** Left and right of an angle share a colour; left is dashed. */
 function angles(number, group) {
   const names = [...new Set(group.curves.map((one) => one.name))];
-  chart(`angles${number}`, group.curves.map((one) => curve(page.frames, one.values,
+  const areas = group.curves.map((one) => area(one, COLOURS[names.indexOf(one.name) % COLOURS.length]));
+  chart(`angles${number}`, areas.concat(group.curves.map((one) => curve(page.frames, one.values,
     one.side === "middle" ? one.name : `${one.side} ${one.name}`, names.indexOf(one.name),
     one.side === "left" ? { line: { color: COLOURS[names.indexOf(one.name) % COLOURS.length],
-      width: 1.6, dash: "dash" } } : {})), layout("degrees", { showlegend: true }));
+      width: 1.6, dash: "dash" } } : {}))), layout("degrees", { showlegend: true }));
 }
 section(page.angles?.length && page.angles, ["angles-section"], (groups) => {
   document.querySelectorAll("#angles-section select").forEach((choice, number) => {

@@ -22,6 +22,7 @@ from apf.report.drawing import LOST, css, encode, make_figures
 from apf.report.quality import DOUBTFUL, Quality
 from apf.tracking.people import PeopleTracks, person_folder
 from apf.tracking.track import Track, spans
+from apf.tracking.uncertainty import angle_bands
 from cl import InputError
 from psfs.common.files import open_text, temporary_folder
 from psfs.common.numbers import json_number
@@ -138,14 +139,19 @@ def _describe_person(folder: Path, tracks: PeopleTracks, number: int) -> dict[st
 
 def angle_curves(track: Track) -> list[dict[str, Any]]:
     """Return the joints' angles, degrees, NaN where lost, in groups of curves (name, side, values
-    (F,)), those of the legs first.
+    (F,), band (F,)), those of the legs first.
 
-    They are clinical angles, see `apf.body.angles`, or the body's own if it has none.
+    They are clinical angles, see `apf.body.angles`, or the body's own if it has none. band: see
+    `angle_bands`; None where unknown.
     """
     groups = defaultdict[str, list[dict[str, Any]]](list)
+    bands = angle_bands(track.its_body, track.poses, track.covariance)
+    unknown = np.full(len(track), np.nan)
     for name, values in track.angles.items():
         side, (joint, *of) = find_side(name), sideless(name).split("_")
-        groups[joint].append({"name": " ".join(of), "side": side, "values": _round(values, 1)})
+        band = np.where(np.isnan(values), np.nan, bands.get(name, unknown))
+        curve = {"name": " ".join(of), "side": side, "values": _round(values, 1)}
+        groups[joint].append(curve | {"band": _round(band, 1)})
     if not groups:
         for bone in track.its_body.bones:
             for axis in bone.axes:
@@ -153,7 +159,7 @@ def angle_curves(track: Track) -> list[dict[str, Any]]:
                     turned = np.degrees(np.unwrap(track.poses[:, axis.dof]))
                     known = _round(np.where(track.lost, np.nan, turned), 1)
                     curve = {"name": f"about {axis.kind[1]}", "side": "middle", "values": known}
-                    groups[plain_name(bone.name)].append(curve)
+                    groups[plain_name(bone.name)].append(curve | {"band": _round(unknown, 1)})
     first = [joint for joint in _FIRST_JOINTS if joint in groups]
     return [{"name": name, "curves": groups[name]} for name in dict.fromkeys((*first, *groups))]
 

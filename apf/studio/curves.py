@@ -11,6 +11,7 @@ import numpy as np
 from apf.body.limbs import limb_names
 from apf.report.page import angle_curves
 from apf.tracking.track import Track
+from psfs.common.numbers import find_true_runs
 from psfs.page.colours import CONFIDENCE
 
 if TYPE_CHECKING:
@@ -37,15 +38,23 @@ def angle_groups(track: Track) -> dict[str, list[dict[str, Any]]]:
 
 
 def draw_angles(track: Track, name: str) -> go.Figure:
-    """Return the figure of one joint's angles, degrees, by frame."""
+    """Return the figure of one joint's angles, degrees, by frame, with the area in which they
+    lie."""
     import plotly.graph_objects as go  # slow to import
 
     figure = go.Figure()
     for curve in angle_groups(track)[name]:
         label = f"{curve['side']} {curve['name']}".removeprefix("middle ")
-        figure.add_scatter(
-            x=track.frames, y=curve["values"], name=label, line=_LINES[curve["side"]], mode="lines"
-        )
+        line, values = _LINES[curve["side"]], np.array(curve["values"], float)
+        half = np.array(curve["band"], float)
+        for rows in find_true_runs(np.isfinite(half)):
+            x = np.concatenate([track.frames[rows], track.frames[rows][::-1]])
+            y = np.concatenate([(values + half)[rows], (values - half)[rows][::-1]])
+            figure.add_scatter(
+                x=x, y=y, fill="toself", fillcolor=f"{line['color']}22", mode="none",
+                hoverinfo="skip", showlegend=False,
+            )  # fmt: skip
+        figure.add_scatter(x=track.frames, y=values, name=label, line=line, mode="lines")
     figure.update_layout(
         title=f"{name}, degrees", xaxis_title="frame", legend={"y": -0.3, "orientation": "h"}
     )

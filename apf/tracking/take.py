@@ -262,8 +262,8 @@ def check_first_pose(grid: VoxelGrid, body: BodyModel, pose: np.ndarray, name: s
         for point in (joints.mean(0), grid.low, grid.high)
     )
     raise InputError(
-        f"{name}: the first pose (--init) is at ({place}) m, beyond the volume from ({low}) to ({high}) m; "
-        "expected the person's place in the first frame, in metres with Z up"
+        f"{name}: the first pose (--init) is at ({place}) m, beyond the volume from ({low}) to "
+        f"({high}) m; expected the person's place in the first frame, in metres with Z up"
     )
 
 

@@ -19,6 +19,7 @@ from __future__ import annotations
 import numpy as np
 import scipy
 
+from apf.body.angles import joint_angles
 from apf.body.jacobian import bone_point_jacobian
 from apf.body.kinematics import posed_points
 from apf.body.model import BodyModel, sideless
@@ -76,12 +77,43 @@ def raw_covariance(
     spread = deviation[:, :, None] ** 2 * np.eye(body.n_dof)
     known = np.einsum("fdd->f", information) > 0
     spread[known] += np.linalg.inv(information[known])
+    slopes = _joint_slopes(body, poses)
+    # products of matrices, frame by frame: no frame's result depends on the others, to the bit
+    return slopes.swapaxes(2, 3) @ spread[:, None] @ slopes
+
+
+def angle_bands(
+    body: BodyModel, poses: np.ndarray, covariance: np.ndarray
+) -> dict[str, np.ndarray]:
+    """Return how far, degrees (F,), the joint angles of poses (F, D) may be off: half the width of
+    the interval that holds 95 %, by the names of `joint_angles`; NaN where the covariance
+    (F, J, 3, 3), m^2, of the joints is.
+
+    The pose counts as measured by its joints, each independent of the others, and as known to a
+    radian and a metre before. The pelvis, whose joints lie almost on a line, tilts firmly only with
+    the trunk: hip flexion is known less well than that of the knee.
+    """
+    known = np.isfinite(covariance).all(axis=(1, 2, 3))
+    step, poses = np.sqrt(np.finfo(float).eps), poses[known]
+    slopes, axes = _joint_slopes(body, poses), np.eye(body.n_dof)
+    measured = slopes @ np.linalg.inv(covariance[known]) @ slopes.swapaxes(2, 3)
+    spread = np.linalg.inv(axes + measured.sum(axis=1))
+    moved = [joint_angles(body, poses + step * axis) for axis in axes]
+    limit, bands = np.sqrt(scipy.special.chdtri(1, 0.05)), {}
+    for name, angles in joint_angles(body, poses).items():
+        turned = np.stack([other[name] - angles for other in moved], axis=-1)
+        slope = np.degrees(np.angle(np.exp(1j * np.radians(turned)))) / step
+        bands[name] = np.full(len(known), np.nan)
+        bands[name][known] = limit * np.sqrt(np.einsum("fd,fde,fe->f", slope, spread, slope))
+    return bands
+
+
+def _joint_slopes(body: BodyModel, poses: np.ndarray) -> np.ndarray:
+    """Return the derivatives (F, J, D, 3) of the joints with respect to poses (F, D)."""
     axes = np.zeros((2, *poses.shape, 3))
     joints = posed_points(body, poses, body.joints, axes)
     bones = np.array([joint.bone for joint in body.joints])
-    slopes = bone_point_jacobian(body, poses, bones, joints, axes)
-    # products of matrices, frame by frame: no frame's result depends on the others, to the bit
-    return slopes.swapaxes(2, 3) @ spread[:, None] @ slopes
+    return bone_point_jacobian(body, poses, bones, joints, axes)
 
 
 def is_inside_ellipsoid(offsets: np.ndarray, covariance: np.ndarray) -> np.ndarray:

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import numpy as np
+import scipy
 from helpers import bodies
 
+from apf.body.angles import joint_angles
 from apf.body.kinematics import posed_joints
 from apf.body.toml import load_body
 from apf.tracking.uncertainty import (
     FLOORS,
     SCALE,
     SOUND_MISFIT,
+    angle_bands,
     is_inside_ellipsoid,
     joint_covariance,
     raw_covariance,
@@ -42,6 +45,26 @@ def test_joints_spread_as_samples_of_the_pose_do() -> None:
         joints - truth, np.broadcast_to(found + 1e-9 * np.eye(3), (20_000, *found.shape))
     )
     np.testing.assert_allclose(held.mean(), 0.95, atol=0.01)
+
+
+def test_angles_are_as_far_off_as_those_of_poses_fitted_to_uncertain_joints() -> None:
+    random = np.random.default_rng(3)
+    pose = bodies.random_poses(SONG, 1)[0]
+    joints, error = posed_joints(SONG, pose[None])[0], 0.002
+    covariance = np.full((2, len(joints), 3, 3), np.nan)
+    covariance[0] = error**2 * np.eye(3)
+    found = angle_bands(SONG, np.stack([pose, pose]), covariance)
+    fitted = []
+    for _ in range(80):
+        seen = joints + random.normal(scale=error, size=joints.shape)
+        residuals = lambda x, seen=seen: np.append(  # noqa: E731
+            (posed_joints(SONG, x[None])[0] - seen) / error, x - pose
+        )
+        fitted.append(scipy.optimize.least_squares(residuals, pose).x)
+    angles = joint_angles(SONG, np.stack(fitted))
+    for name in ("l_knee_flexion", "r_knee_flexion"):
+        np.testing.assert_allclose(found[name][0], 1.96 * angles[name].std(), rtol=0.3)
+        assert np.isnan(found[name][1])
 
 
 def test_calibration_scales_and_adds_a_floor_per_joint() -> None:
