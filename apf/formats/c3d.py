@@ -23,8 +23,8 @@ from psfs.common.c3d import read_c3d_points
 from psfs.common.files import temporary_folder, write_atomically
 
 #: The format's header counts frames in 16 bits; ezc3d drops those that follow. A parameter has at
-#: most so many texts; ezc3d writes a file of more labels that it cannot read.
-_MOST_FRAMES, _MOST_POINTS = 65535, 255
+#: most so many texts; ezc3d writes a file of more labels or events that it cannot read.
+_MOST_FRAMES, _MOST_TEXTS = 65535, 255
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,8 @@ def write_c3d(
 
     The format counts 65535 frames and 255 points. Those that follow go into files beside `path`,
     `<name>_frame65535`, `<name>_point255`, named by the frame of the sequence that they call 0 and
-    by their first point. Raises InputError for no frame and if a file cannot be written.
+    by their first point. A file has its first 255 events. Raises InputError for no frame and if a
+    file cannot be written.
     """
     path, names = Path(path), series.joint_names
     if not len(series.frames):
@@ -79,8 +80,8 @@ def write_c3d(
     series.to_constant_rate()  # raises InputError
     parts = series.frames // _MOST_FRAMES
     written = []
-    for part, point in itertools.product(np.unique(parts), range(0, len(names), _MOST_POINTS)):
-        rows, columns = parts == part, slice(point, point + _MOST_POINTS)
+    for part, point in itertools.product(np.unique(parts), range(0, len(names), _MOST_TEXTS)):
+        rows, columns = parts == part, slice(point, point + _MOST_TEXTS)
         begin = int(part) * _MOST_FRAMES
         ending = f"_frame{begin}" * (begin > 0) + f"_point{point}" * (point > 0)
         deviation = None if series.deviation is None else series.deviation[rows, columns]
@@ -134,9 +135,10 @@ def _write_part(path: Path, series: JointSeries, events: Sequence[C3dEvent]) -> 
 
 
 def _add_events(file: Any, events: Sequence[C3dEvent]) -> None:
-    """Add the group EVENT, with times as minutes and seconds."""
+    """Add the group EVENT, with times as minutes and seconds, of as many as the format counts."""
     if not events:
         return
+    events = events[:_MOST_TEXTS]
     times = np.array([divmod(event.time, 60) for event in events]).T
     for name, value in (
         ("USED", [len(events)]),

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import errno
 import os
 import platform
 import re
@@ -414,11 +415,13 @@ def describe_user_error(error: Exception) -> str | None:
     the file system, and a lack of memory. Return None for all others, which are bugs."""
     if isinstance(error, UserError):
         return str(error)
+    short = "not enough memory; expected fewer or larger voxels, smaller pictures or fewer frames"
     if isinstance(error, OSError) and error.errno is not None:
         named = isinstance(error.filename, str | bytes)
+        if not named and error.errno in (errno.ENOMEM, errno.EAGAIN):  # no process was started
+            return f"{short} ({error.strerror})"
         where = os.fsdecode(error.filename) if named else "standard output, or a file"
         return f"{where}: cannot be read or written: {error.strerror}"
-    short = "not enough memory; expected fewer or larger voxels, smaller pictures or fewer frames"
     unmapped = isinstance(error, ImportError) and "failed to map segment" in str(error)
     if isinstance(error, MemoryError) or unmapped:
         return short

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import signal
@@ -248,9 +249,10 @@ def test_no_linker(stock: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     faults.refused(reconstruct(stock, "--device", "cpu"), stock, "no linker `ld`")
 
 
-def test_no_memory(stock: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("error", [MemoryError(), OSError(errno.EAGAIN, "no more processes")])
+def test_no_memory(stock: Path, monkeypatch: pytest.MonkeyPatch, error: Exception) -> None:
     def none(*_: Any, **__: Any) -> None:
-        raise MemoryError
+        raise error
 
     monkeypatch.setattr("psfs.session.make_reconstructor", none)
     faults.refused(reconstruct(stock), stock, "not enough memory")

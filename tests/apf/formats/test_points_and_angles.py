@@ -72,6 +72,15 @@ def test_frames_far_apart(tmp_path: Path) -> None:
     assert not list(tmp_path.iterdir())
 
 
+def test_c3d_of_a_long_walk_is_whole(tmp_path: Path) -> None:
+    events = [C3dEvent("Foot Strike", "Left", 0.01 * frame) for frame in range(300)]
+    write_c3d(tmp_path / "a.c3d", walk().points, events)
+    file = ezc3d.c3d(str(tmp_path / "a.c3d"))  # with 256 of them it could not be read
+    assert file["parameters"]["EVENT"]["USED"]["value"].tolist() == [255]
+    assert len(file["parameters"]["EVENT"]["LABELS"]["value"]) == 255
+    assert file["data"]["points"].shape[2] == len(walk())
+
+
 def test_c3d_goes_on_in_a_file_beside_it(tmp_path: Path) -> None:
     most = 65535
     points = np.zeros((most + 9, 1, 3))
