@@ -10,14 +10,17 @@ clean footage has no hidden pixels.
 
 from __future__ import annotations
 
+from functools import partial
+
 import cv2
 import numpy as np
 
 from cl import InputError
-from psfs.backend import make_evidence_function
+from psfs.backend import make_evidence_pipeline
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.common.numbers import pick_evenly
-from psfs.diagnostics.small_views import LARGE_SIDE, Shrink
+from psfs.common.progress import map_in_threads
+from psfs.diagnostics.small_views import LARGE_SIDE, Shrink, compute_ahead
 from psfs.session import Session
 from psfs.silhouettes.config import SilhouetteConfig
 from psfs.volume import find_volume
@@ -57,13 +60,13 @@ def find_hidden_pixels(session: Session) -> np.ndarray | None:
         return None
     shrink = Shrink(rig, rig.factor_within(LARGE_SIDE))
     background = shrink.background(session.background)
-    evidence_of = make_evidence_function(
+    begin = make_evidence_pipeline(
         session.device, shrink.small, background, SilhouetteConfig().without_memory()
     )
     picked = pick_evenly(len(sequence), _SAMPLES).tolist()
     with sequence.reader(learning=False) as read:
         frames = shrink.frames(map(read, picked))
-        evidence = [evidence_of(frame).copy() for frame in frames]
+        evidence = [counts.copy() for _, counts in compute_ahead(frames, begin)]
     try:
         volume = find_volume(session)
     except InputError:  # which the stages that need a volume report
@@ -92,10 +95,10 @@ def find_hidden_in_box(
     The people are within the box from `low` (3,) to `high` (3,) m, of so many voxels at most.
     margin: px around explained pixels that are explained, too. None if nothing is hidden.
     """
-    shown = [maps > 0 for maps in evidence]
-    counter = _HiddenPixelCounter(rig, low, high, (voxels, margin), shown)
-    for frame, maps in enumerate(evidence):
-        counter.count(frame, maps)
+    counter = _HiddenPixelCounter(rig, low, high, (voxels, margin), evidence)
+    for confirmed, denied in map_in_threads(counter.count, range(len(evidence))):
+        counter.confirmed += confirmed
+        counter.denied += denied
     hidden = counter.find_hidden()
     return hidden if hidden.any() else None
 
@@ -104,8 +107,8 @@ class _HiddenPixelCounter:
     """Counts, over all frames, of how often each pixel denied or confirmed what the other cameras
     see.
 
-    A coarse grid finds the few places where a person may be; a fine grid resolves them. shown: the
-    foreground (V, H, W) bool of each frame.
+    A coarse grid finds the few places where a person may be; a fine grid resolves them. evidence:
+    (V, H, W) int8 of each frame.
     """
 
     def __init__(
@@ -114,9 +117,9 @@ class _HiddenPixelCounter:
         low: np.ndarray,
         high: np.ndarray,
         limits: tuple[int, int],
-        shown: list[np.ndarray],
+        evidence: list[np.ndarray],
     ) -> None:
-        self.rig, self._shown = rig, shown
+        self.rig, self._evidence = rig, evidence
         voxels, self._margin = limits
         edge = float(np.cbrt(np.prod(high - low) / voxels))
         edge = max(edge, finest_pixel(rig, VoxelGrid.covering(low, high, edge)))
@@ -130,7 +133,7 @@ class _HiddenPixelCounter:
         used = np.unique(np.concatenate(candidates))
         self._voxels = [_find_children(np.searchsorted(used, own)) for own in candidates]
         centres = _divide(coarse, used)
-        self._pixels = np.stack([self._project_to_indices(camera, centres) for camera in rig])
+        self._pixels = np.stack([self._project_to_indices(centres, camera) for camera in rig])
         self._seen = (self._pixels >= 0).sum(0) >= OccupancyConfig().seeing_cameras(len(rig))
         size = (len(rig), rig.height, rig.width)
         self.denied, self.confirmed = np.zeros(size, np.int16), np.zeros(size, np.int16)
@@ -138,43 +141,46 @@ class _HiddenPixelCounter:
     def _find_candidates(self, coarse: VoxelGrid) -> list[np.ndarray]:
         """Return, for each frame, the coarse voxels (N,) where enough cameras, or nearly enough,
         show foreground."""
-        votes = np.zeros((len(self._shown), coarse.size), np.int16)
-        centres = coarse.centres()
-        for view, (camera, width) in enumerate(zip(self.rig, self._widths, strict=True)):
-            places = self._project_to_indices(camera, centres)
-            square = np.ones((2 * _FINE * width + 1,) * 2, np.uint8)
-            for frame, shown in enumerate(self._shown):
-                votes[frame] += _look_up(cv2.dilate(_bytes(shown[view]), square), places) > 0
-        return [np.flatnonzero(own >= _AGREEING) for own in votes]
+        centres, views = coarse.centres(), range(len(self.rig))
+        places = list(map_in_threads(partial(self._project_to_indices, centres), self.rig.cameras))
+        squares = [np.ones((2 * _FINE * width + 1,) * 2, np.uint8) for width in self._widths]
 
-    def _project_to_indices(self, camera: Camera, centres: np.ndarray) -> np.ndarray:
+        def find(evidence: np.ndarray) -> np.ndarray:
+            shown = _bytes(evidence > 0)
+            near = (_look_up(cv2.dilate(shown[v], squares[v]), places[v]) > 0 for v in views)
+            return np.flatnonzero(sum(own.astype(np.int16) for own in near) >= _AGREEING)
+
+        return list(map_in_threads(find, self._evidence))
+
+    def _project_to_indices(self, centres: np.ndarray, camera: Camera) -> np.ndarray:
         """Return (N,) int32 flat pixel indices of the projected points; -1 outside the picture."""
         inside, row, column, _ = camera.look_up(centres)
         places = np.full(len(centres), -1, np.int32)
         places[inside] = row * self.rig.width + column
         return places
 
-    def count(self, frame: int, evidence: np.ndarray) -> None:
-        """Count one more frame, of which the evidence is (V, H, W) int8."""
-        shown, voxels = self._shown[frame], self._voxels[frame]
-        pixels = self._pixels[:, voxels]
+    def count(self, frame: int) -> tuple[np.ndarray, np.ndarray]:
+        """Return the pixels (V, H, W) bool that confirm, in a frame, what the other cameras see,
+        and those that deny it."""
+        evidence, voxels = self._evidence[frame], self._voxels[frame]
+        shown, pixels = evidence > 0, self._pixels[:, voxels]
         counts = np.stack([_look_up(own, at) for own, at in zip(evidence, pixels, strict=True)])
         occupied = (counts.sum(0, dtype=np.int16) > 0) & self._seen[voxels]
         explained = np.stack(
             [self._covered_pixels(v, pixels[v][occupied], self._margin) for v in range(len(shown))]
         )
-        self.confirmed += shown & explained
+        denied = np.zeros_like(shown)
         lonely = [cv2.erode(own, np.ones((3, 3), np.uint8)) for own in _bytes(shown & ~explained)]
         if sum(own.any() for own in lonely) < _AGREEING:
-            return
+            return shown & explained, denied
         wanted = [_look_up(own, at) > 0 for own, at in zip(lonely, pixels, strict=True)]
         against = counts < 0
         n_against, n_for = against.sum(0), (counts > 0).sum(0)
         amiss = (np.sum(wanted, 0) >= _AGREEING) & (n_against <= _DENYING)
         amiss &= ~occupied & (n_for > n_against)
         for view, own in enumerate(shown):
-            denied = self._covered_pixels(view, pixels[view][amiss & against[view]], 0)
-            self.denied[view] += denied & ~own
+            denied[view] = self._covered_pixels(view, pixels[view][amiss & against[view]], 0) & ~own
+        return shown & explained, denied
 
     def _covered_pixels(self, view: int, pixels: np.ndarray, margin: int) -> np.ndarray:
         """Return (H, W) bool: the pixels that voxels projected to `pixels` cover, with a margin,

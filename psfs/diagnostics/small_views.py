@@ -83,6 +83,20 @@ class SmallViews:
         return stack_median(self.pictures)
 
 
+def compute_ahead(
+    frames: Iterable[Frame], begin: Callable[[Frame], Callable[[], np.ndarray]]
+) -> Iterator[tuple[Frame, np.ndarray]]:
+    """Yield frames with their evidence, while that of the next frame is computed."""
+    before: tuple[Frame, Callable[[], np.ndarray]] | None = None
+    for frame in frames:
+        begun = frame, begin(frame)
+        if before is not None:
+            yield before[0], before[1]()
+        before = begun
+    if before is not None:
+        yield before[0], before[1]()
+
+
 def small_views(
     sequence: Sequence, device: Device | NumpyDevice, longest_side: int = SMALL_SIDE,
     frames: range | None = None,
@@ -98,7 +112,7 @@ def small_views(
     outlines, foreground, gains, changes, masks, pictures = [], [], [], [], [], []
     before: np.ndarray | None = None
     shown = shrink.frames(sequence.frames(slice(frames.start, frames.stop)))
-    for number, (small, evidence) in enumerate(_compute_ahead(shown, begin)):
+    for number, (small, evidence) in enumerate(compute_ahead(shown, begin)):
         silhouettes = evidence > 0
         pairs = list(zip(shrink.small, silhouettes, strict=True))
         outlines.append([extract_outline(mask[: c.size[1], : c.size[0]]) for c, mask in pairs])
@@ -116,20 +130,6 @@ def small_views(
         backgrounds, kept + frames.start, np.stack(masks),
         None if pictures[0] is None else np.stack(pictures),  # type: ignore[arg-type]
     )  # fmt: skip
-
-
-def _compute_ahead(
-    frames: Iterable[Frame], begin: Callable[[Frame], Callable[[], np.ndarray]]
-) -> Iterator[tuple[Frame, np.ndarray]]:
-    """Yield frames with their evidence, while that of the next frame is computed."""
-    before: tuple[Frame, Callable[[], np.ndarray]] | None = None
-    for frame in frames:
-        begun = frame, begin(frame)
-        if before is not None:
-            yield before[0], before[1]()
-        before = begun
-    if before is not None:
-        yield before[0], before[1]()
 
 
 def draw_contact_sheet(views: SmallViews, columns: int = 6) -> np.ndarray:

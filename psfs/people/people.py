@@ -7,9 +7,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from psfs.backend import make_evidence_function
+from psfs.backend import make_evidence_pipeline
 from psfs.common.numbers import select_span
-from psfs.diagnostics.small_views import Shrink
+from psfs.common.progress import map_in_threads
+from psfs.diagnostics.small_views import Shrink, compute_ahead
 from psfs.people.coarse_voxels import CoarseFrame, CoarseVoxels
 from psfs.people.following import APART, Trajectory, count_heads, find_middle, follow
 from psfs.people.identities import (
@@ -209,7 +210,7 @@ class _Search:
         self.rate = session.rate / every
         shrink = Shrink(session.rig, session.rig.factor_within(_LONGEST_SIDE))
         self._shrink = shrink
-        self._evidence_of = make_evidence_function(
+        self._begin = make_evidence_pipeline(
             session.device, shrink.small, shrink.background(session.background),
             SilhouetteConfig().without_memory(),
         )  # fmt: skip
@@ -217,7 +218,8 @@ class _Search:
 
     def run(self) -> People:
         """Return the people."""
-        frames = [self._carve(frame) for frame in self._read_frames(self.frames)]
+        shown = [(frame.index, counts.copy()) for frame, counts in self._look(self.frames)]
+        frames = list(map_in_threads(lambda each: self.space(*each), shown))
         heads = count_heads(frames, self.space.grid) if self.number is None else None
         people = self._find(frames, self.number or heads)
         if heads is not None and len(people) < heads:  # what was split is one person
@@ -256,20 +258,17 @@ class _Search:
             one, others, grid
         )
 
-    def _read_frames(self, indices: range) -> Iterator[Frame]:
-        """Yield the frames in small pictures."""
+    def _look(self, indices: range) -> Iterator[tuple[Frame, np.ndarray]]:
+        """Yield the frames in small pictures and their evidence, which is overwritten."""
         selection = select_span(indices, indices.step)
-        return self._shrink.frames(self.session.sequence.frames(selection))
-
-    def _carve(self, frame: Frame) -> CoarseFrame:
-        return self.space(frame.index, self._evidence_of(frame))
+        frames = self._shrink.frames(self.session.sequence.frames(selection))
+        return compute_ahead(frames, self._begin)
 
     def _observe(self, seen: Appearances) -> None:
         """Look at the colours of all trajectories in some frames, and at what only they explain."""
         every = max(1, round(self.rate / _RATE))
-        for frame in self._read_frames(self.frames[::every]):
+        for frame, evidence in self._look(self.frames[::every]):
             ones = [one for one in seen if frame.index in one.voxels]
-            evidence = self._evidence_of(frame)
             parts = [one.voxels[frame.index] for one in ones]
             for k, one in enumerate(ones):
                 others = [part for j, part in enumerate(parts) if j != k]
