@@ -115,11 +115,8 @@ def track_people(
     )  # fmt: skip
     for one in done:
         one.raise_error()
-    if done[0].everybody is not None:
-        return done[0].everybody
-    tracked = done[0].take.tracks[0]
-    indices = np.arange(len(sequence))[frames or slice(None)]
-    return PeopleTracks((tracked,), indices, (indices,))
+    assert done[0].everybody is not None
+    return done[0].everybody
 
 
 def _run(

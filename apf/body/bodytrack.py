@@ -128,10 +128,7 @@ def _inverse_euler(x: int | None, y: int | None, z: int | None) -> tuple[FreeAxi
 
 def _bones(lengths: np.ndarray) -> tuple[Bone, ...]:
     """Return the tree of 13 bones for the 18 `lengths`, m."""
-
-    def about(axis: int, angle: float) -> np.ndarray:
-        return axis_rotation(axis, np.array(angle))
-
+    about = axis_rotation
     flip_x, flip_y = about(0, _HALF_TURN), about(1, _HALF_TURN)
     arm = about(0, -_QUARTER) @ about(2, _HALF_TURN) @ about(1, -_QUARTER)
     pelvis_axes = tuple(

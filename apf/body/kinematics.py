@@ -14,7 +14,7 @@ from apf.body.model import AXES, BodyModel, Joint
 from psfs.common.cones import CONE_FLOATS
 
 
-def axis_rotation(axis: int, angles: np.ndarray) -> np.ndarray:
+def axis_rotation(axis: int, angles: np.ndarray | float) -> np.ndarray:
     """Return right-handed rotations (..., 3, 3) by `angles` (...) rad about x, y or z (0, 1, 2)."""
     c, s = np.cos(angles), np.sin(angles)
     rotation = np.zeros((*np.shape(angles), 3, 3))

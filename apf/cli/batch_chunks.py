@@ -19,7 +19,6 @@ from apf.formats.pose import read_pose, write_pose
 from apf.report.summary import read_summary
 from apf.request import TrackRequest
 from apf.takes.job import TrackJob
-from apf.takes.keypoints import OpenedKeypoints
 from apf.takes.results import FinishedTake, finish_take, write_tracks
 from apf.takes.start import find_first_pose, read_given_start
 from apf.tracking.take import Take
@@ -157,7 +156,7 @@ def join_chunks(progress: TaskProgress, job: TakeJob, chunks: Sequence[TakeJob])
             progress.n_frames = len(whole)
             track_job = TrackJob(request, device, progress, tuple(remarks))
             write_tracks(track_job, take)
-            judgements = finish_take(track_job, examination, take, OpenedKeypoints())
+            judgements = finish_take(track_job, examination, take)
             return [FinishedTake(take, len(whole), request.output, judgements)]
 
         done = write_take(progress, job, write, parts=apart)

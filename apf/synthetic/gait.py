@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 import scipy
 
+from apf.body.kinematics import axis_rotation
 from apf.synthetic.skeleton import (
     ANKLE_HEIGHT,
     BALL_FORWARD,
@@ -20,7 +21,6 @@ from apf.synthetic.skeleton import (
     THIGH,
     Motion,
     SyntheticSkeleton,
-    rotation,
 )
 from apf.synthetic.walk import Path, Walk
 
@@ -93,16 +93,17 @@ class GaitModel:
         nod = 2.0 * deg * np.sin(2 * turn + 0.8) + 2.5 * deg * np.sin(times * 1.3)
         pitch = (3.0 + 1.2 * np.sin(2 * turn)) * deg
         local = {
-            "pelvis": rotation("z", heading + twist)
-            @ rotation("x", lean + list_)
-            @ rotation("y", 3.0 * deg, len(phase)),
-            "spine": rotation("z", 0.45 * counter) @ rotation("x", -0.7 * list_),
-            "thorax": rotation("z", 0.55 * counter)
-            @ rotation("x", -0.6 * list_)
-            @ rotation("y", pitch - 2.0 * deg),
-            "neck": rotation("z", 0.4 * (look - counter - twist)) @ rotation("y", 7.0 * deg + nod),
-            "head": rotation("z", 0.6 * (look - counter - twist))
-            @ rotation("y", -9.0 * deg - 0.5 * nod),
+            "pelvis": axis_rotation(2, heading + twist)
+            @ axis_rotation(0, lean + list_)
+            @ axis_rotation(1, 3.0 * deg),
+            "spine": axis_rotation(2, 0.45 * counter) @ axis_rotation(0, -0.7 * list_),
+            "thorax": axis_rotation(2, 0.55 * counter)
+            @ axis_rotation(0, -0.6 * list_)
+            @ axis_rotation(1, pitch - 2.0 * deg),
+            "neck": axis_rotation(2, 0.4 * (look - counter - twist))
+            @ axis_rotation(1, 7.0 * deg + nod),
+            "head": axis_rotation(2, 0.6 * (look - counter - twist))
+            @ axis_rotation(1, -9.0 * deg - 0.5 * nod),
         }
         return root, local
 
@@ -113,15 +114,14 @@ class GaitModel:
         swing = np.cos(2 * np.pi * (phase - 0.02))
         flexion = (4.0 + walk.arm_swing * swing) * deg
         bend = (walk.elbow_bend + 11.0 * np.cos(2 * np.pi * (phase - 0.06))) * deg
-        count = len(phase)
         local[f"{side}_upper_arm"] = (
-            rotation("x", out * (8.0 - 2.0 * swing) * deg)
-            @ rotation("y", -flexion)
-            @ rotation("z", -out * 14.0 * deg, count)
+            axis_rotation(0, out * (8.0 - 2.0 * swing) * deg)
+            @ axis_rotation(1, -flexion)
+            @ axis_rotation(2, -out * 14.0 * deg)
         )
-        local[f"{side}_forearm"] = rotation("y", -bend) @ rotation("z", -out * 15 * deg, count)
-        local[f"{side}_hand"] = rotation("x", -out * 4 * deg, count) @ rotation(
-            "y", -(6.0 + 5.0 * swing) * deg
+        local[f"{side}_forearm"] = axis_rotation(1, -bend) @ axis_rotation(2, -out * 15 * deg)
+        local[f"{side}_hand"] = axis_rotation(0, -out * 4 * deg) @ axis_rotation(
+            1, -(6.0 + 5.0 * swing) * deg
         )
 
     # Legs -----------------------------------------------------------------------------------
@@ -141,12 +141,12 @@ class GaitModel:
         pelvis = upper.rotations[:, skeleton.index("pelvis")]
         ahead = _forward_vector(heading) + pelvis[:, :, 0]
         thigh, shin = _solve_two_bones(hip, ankle, ahead, THIGH * height, SHIN * height)
-        facing = rotation("z", heading)
-        foot = facing @ rotation("y", -pitch)
+        facing = axis_rotation(2, heading)
+        foot = facing @ axis_rotation(1, -pitch)
         local[f"{side}_thigh"] = pelvis.transpose(0, 2, 1) @ thigh
         local[f"{side}_shin"] = thigh.transpose(0, 2, 1) @ shin
         local[f"{side}_foot"] = shin.transpose(0, 2, 1) @ foot
-        local[f"{side}_toes"] = rotation("y", pitch - toe_pitch)
+        local[f"{side}_toes"] = axis_rotation(1, pitch - toe_pitch)
 
     def _foot(
         self, side: str, phase: np.ndarray, offset: float
@@ -199,9 +199,9 @@ class GaitModel:
         ball = height * np.array([BALL_FORWARD, 0.0, BALL_HEIGHT])
         pivot = np.where(pitch[:, None] > 0, heel, ball)
         ankle = np.array([0.0, 0.0, height * ANKLE_HEIGHT])
-        arm = np.einsum("fab,fb->fa", rotation("y", -pitch), ankle - pivot)
+        arm = np.einsum("fab,fb->fa", axis_rotation(1, -pitch), ankle - pivot)
         xy, heading = footprint
-        placed = np.einsum("fab,fb->fa", rotation("z", heading), pivot + arm)
+        placed = np.einsum("fab,fb->fa", axis_rotation(2, heading), pivot + arm)
         placed[:, :2] += xy
         return placed
 

@@ -58,15 +58,11 @@ def generate(
                 write(scene.background_frame(i))
         with _open_videos(temporary / "videos", scene) as write:
             for i in range(config.frames):
-                if config.people > 1:
-                    images, numbers = scene.frame_of_people(i)
-                    shown = {"truth_masks": np.where(numbers > 0, np.uint8(255), np.uint8(0))}
-                    shown["truth_masks_people"] = numbers
-                else:
-                    images, masks, _ = scene.frame(i)
-                    shown = {"truth_masks": masks}
+                images, numbers = scene.frame(i)
                 write(images)
                 if i % MASK_STEP == 0:
+                    shown = {"truth_masks": np.where(numbers > 0, np.uint8(255), np.uint8(0))}
+                    shown |= {"truth_masks_people": numbers} if config.people > 1 else {}
                     _write_masks(temporary, scene.rig.names, i, shown)
                 if progress is not None:
                     progress(i + 1, config.frames)

@@ -123,7 +123,7 @@ class SceneRenderer:
             colours=self.room,
         )()
 
-    def draw_several(
+    def draw(
         self, bodies: list[tuple[np.ndarray, np.ndarray, np.ndarray]], palettes: list[np.ndarray]
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return pictures (V, H, W, 3) float32 of several bodies, each with its colours (9, 3), and
@@ -131,8 +131,7 @@ class SceneRenderer:
 
         Each body is drawn into the room with all before it. bodies: as of `__call__`.
         """
-        room = [array.get() for array in (self.room, self._distance, self._floor)]
-        picture, distance, floor = (of.copy() for of in room)
+        picture, distance, floor = self._empty_room
         numbers = np.zeros(distance.shape, np.uint8)
         for number, (body, palette) in enumerate(zip(bodies, palettes, strict=True), start=1):
             self._palette.set(palette)
@@ -140,17 +139,22 @@ class SceneRenderer:
             picture, seen = self.picture.get(), self.mask.get() > 0
             numbers[seen] = number
             if number < len(bodies):
-                distance[seen] = (self.depth.get() * self._length_per_depth)[seen]
-                floor[seen] = FAR
-                for array, of in zip(
-                    (self.room, self._distance, self._floor),
-                    (picture, distance, floor),
-                    strict=True,
-                ):
-                    array.set(of)
-        for array, of in zip((self.room, self._distance, self._floor), room, strict=True):
-            array.set(of)
+                away = self.depth.get() * self._length_per_depth
+                distance = np.where(seen, away, distance)
+                floor = np.where(seen[..., None], np.float32(FAR), floor)
+                self._set_room(picture, distance, floor)
+        if len(bodies) > 1:
+            self._set_room(*self._empty_room)
         return picture, numbers
+
+    @cached_property
+    def _empty_room(self) -> list[np.ndarray]:
+        """The empty room's pictures, distances and floor's points."""
+        return [array.get() for array in (self.room, self._distance, self._floor)]
+
+    def _set_room(self, *values: np.ndarray) -> None:
+        for array, of in zip((self.room, self._distance, self._floor), values, strict=True):
+            array.set(of)
 
     @cached_property
     def _length_per_depth(self) -> np.ndarray:
@@ -235,8 +239,7 @@ class SyntheticScene:
     """People walking in a room, rendered frame by frame; deterministic for a given seed.
 
     rig: the cameras. joint_names: of the truth. people_joints: (P, F, J, 3) m, NaN where somebody
-    is absent; joints: (F, J, 3) of the first person. background_images: (V, H, W, 3) uint8 BGR
-    without noise; `background_frame(i)` adds it. Raises InputError for the NumPy device.
+    is absent; joints: (F, J, 3) of the first person. Raises InputError for the NumPy device.
     """
 
     def __init__(self, config: SceneConfig, device: Device | NumpyDevice) -> None:
@@ -262,7 +265,6 @@ class SyntheticScene:
         )  # fmt: skip
         self._palettes = make_palettes(config.seed, config.people)
         self._empty = self.renderer.room.get()
-        self.background_images = np.clip(self._empty + 0.5, 0, 255).astype(np.uint8)
 
     def __len__(self) -> int:
         return self.config.frames
@@ -274,23 +276,13 @@ class SyntheticScene:
         spare = np.tile(np.array([0, 0, -1, 0], np.float32), (self._n_balls - len(balls), 1))
         return primitives, np.concatenate([balls, spare]), centre  # under the floor: no shadow
 
-    def frame(self, index: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return images (V, H, W, 3) uint8 BGR, masks (V, H, W) uint8 0/255 of everybody, and the
-        first person's joints (J, 3) m."""
-        if self.config.people > 1:
-            images, numbers = self.frame_of_people(index)
-            return images, np.where(numbers > 0, np.uint8(255), np.uint8(0)), self.joints[index]
-        self.renderer(*self.posed(index))
-        images = self._sensor.expose(self.renderer.picture.get(), 0, index)
-        return images, self.renderer.mask.get(), self.joints[index]
-
-    def frame_of_people(self, index: int) -> tuple[np.ndarray, np.ndarray]:
+    def frame(self, index: int) -> tuple[np.ndarray, np.ndarray]:
         """Return images (V, H, W, 3) uint8 BGR, and the number (V, H, W) uint8, from 1 on, of the
         person that is seen in each pixel, 0 for none."""
         there = np.flatnonzero(self._there[:, index])
         bodies = [self.posed(index, int(person)) for person in there]
         palettes = [self._palettes[person] for person in there]
-        picture, order = self.renderer.draw_several(bodies, palettes)
+        picture, order = self.renderer.draw(bodies, palettes)
         numbers = np.append(0, there + 1).astype(np.uint8)[order]
         return self._sensor.expose(picture, 0, index), numbers
 

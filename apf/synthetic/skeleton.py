@@ -114,17 +114,3 @@ class SyntheticSkeleton:
             "fjab,jb->fja", motion.rotations[:, self._joint_bones], self._joint_points
         )
         return motion.positions[:, self._joint_bones] + turned
-
-
-def rotation(axis: str, angle: np.ndarray | float, count: int | None = None) -> np.ndarray:
-    """Return rotations (..., 3, 3) about the body axis x (forward), y (left) or z (up), radians."""
-    angle = np.asarray(angle, np.float64)
-    if count is not None:
-        angle = np.broadcast_to(angle, (count,))
-    c, s, zero, one = np.cos(angle), np.sin(angle), np.zeros_like(angle), np.ones_like(angle)
-    rows = {
-        "x": ((one, zero, zero), (zero, c, -s), (zero, s, c)),
-        "y": ((c, zero, s), (zero, one, zero), (-s, zero, c)),
-        "z": ((c, -s, zero), (s, c, zero), (zero, zero, one)),
-    }[axis]
-    return np.stack([np.stack(row, -1) for row in rows], -2)

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
-from apf.keypoints.keypoints import Keypoints
 from apf.request import TrackingRequest
-from apf.tracking.people import person_folder
+from apf.takes.keypoints import OpenedKeypoints
 from apf.tracking.progress import StageProgress
 from apf.tracking.trackers import with_seeds
 from cl import Device, InputError, NumpyDevice
@@ -24,8 +23,8 @@ class TrackJob:
 
     request: of the take; its `output` is the person's folder, or None if nothing is written.
     remarks: warnings about the footage. of_people: which person of how many, for the summary;
-    empty for the only one. seen: frames (F,) that show the person, None for all. keypoints: of one
-    of several people. why_one: why one person alone is tracked even if several are seen.
+    empty for the only one. seen: frames (F,) that show the person, None for all. keypoints: of the
+    person. why_one: why one person alone is tracked even if several are seen.
     """
 
     request: TrackingRequest
@@ -34,17 +33,8 @@ class TrackJob:
     remarks: tuple[str, ...] = ()
     of_people: Mapping[str, int] = field(default_factory=dict)
     seen: np.ndarray | None = None
-    keypoints: Keypoints | None = None
+    keypoints: OpenedKeypoints = field(default_factory=OpenedKeypoints)
     why_one: str = ""
-
-    def person(
-        self, number: int, of: int, seen: np.ndarray, keypoints: Keypoints | None = None
-    ) -> TrackJob:
-        """Return the job of one of several people, counted from 1, with a folder in this one's."""
-        out = self.request.output
-        request = self.request.replace(output=out and person_folder(out, number))
-        facts = {"person": number, "people": of}
-        return replace(self, request=request, of_people=facts, seen=seen, keypoints=keypoints)
 
     def title(self, take: str) -> str:
         """Return the title of the pages of a take: its name, and which person of several."""

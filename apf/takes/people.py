@@ -3,25 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
-from apf.keypoints.keypoints import Keypoints
 from apf.request import TrackingRequest
 from apf.takes.job import TrackJob
 from apf.takes.keypoints import (
+    OpenedKeypoints,
     find_seen_frames,
     match_people_keypoints,
     open_people_keypoints,
     people_number,
+    read_keypoints,
 )
-from apf.tracking.people import PeopleTracks
+from apf.tracking.people import PeopleTracks, person_folder
 from apf.tracking.settings import GivenStart
 from apf.tracking.track import Track
 from cl import InputError
 from psfs.common.numbers import select_span
+from psfs.diagnostics.examination import Examination
 from psfs.people.people import count_people, follow_several
 from psfs.people.separation import separate
 from psfs.session import Session
@@ -29,29 +31,37 @@ from psfs.session import Session
 
 @dataclass(frozen=True, eq=False)
 class Person:
-    """A person of a take: the frames (F,) that show them, their session, and their keypoints if
-    there are some."""
+    """A person of a take: the frames (F,) that show them, None for all, their session, and their
+    keypoints if there are some."""
 
-    seen: np.ndarray
+    seen: np.ndarray | None
     session: Session
-    keypoints: Keypoints | None = None
+    keypoints: OpenedKeypoints = field(default_factory=OpenedKeypoints)
 
 
 @dataclass(frozen=True, eq=False)
 class Persons:
-    """Several people, or one beside an object that moves. frames: that were searched. objects:
-    number of other things that move."""
+    """The people of a take. frames: that were searched. objects: number of other things that
+    move."""
 
     frames: range
     everybody: tuple[Person, ...]
     objects: int = 0
 
+    @property
+    def alone(self) -> bool:
+        """Whether there is one person in all frames, and nothing else that moves."""
+        return self.everybody[0].seen is None
+
     def job(self, job: TrackJob, number: int) -> TrackJob:
-        """Return the job of a person, counted from 1; the only one has all files of the take."""
-        person = self.everybody[number - 1]
-        if len(self.everybody) == 1:
-            return replace(job, seen=person.seen, keypoints=person.keypoints)
-        return job.person(number, len(self.everybody), person.seen, person.keypoints)
+        """Return the job of a person, counted from 1; the only one has all files of the take, each
+        of several a folder."""
+        person, people, out = self.everybody[number - 1], len(self.everybody), job.request.output
+        job = replace(job, seen=person.seen, keypoints=person.keypoints)
+        if people == 1:
+            return job
+        request = job.request.replace(output=out and person_folder(out, number))
+        return replace(job, request=request, of_people={"person": number, "people": people})
 
     def without(self, number: int) -> Persons:
         """Return the others, where a person, counted from 1, is an object."""
@@ -61,11 +71,11 @@ class Persons:
     def gather(self, tracks: list[Track], verdicts: list[str]) -> PeopleTracks:
         """Return the tracks of the first people, or of all, with the frames that show them, as far
         as they were tracked."""
-        seen = tuple(
-            person.seen[np.isin(person.seen, track.frames)]
-            for person, track in zip(self.everybody, tracks, strict=False)
-        )
         frames = np.array(self.frames)
+        shown = (frames if person.seen is None else person.seen for person in self.everybody)
+        seen = tuple(
+            of[np.isin(of, track.frames)] for of, track in zip(shown, tracks, strict=False)
+        )
         return PeopleTracks(tuple(tracks), frames, seen, self.objects, tuple(verdicts))
 
 
@@ -94,9 +104,20 @@ def _explain_one_person(request: TrackingRequest) -> str:
     return f"{stated[0]} applies only to one person" if stated else ""
 
 
-def find_persons(job: TrackJob, session: Session, given: GivenStart | None) -> Persons | None:
-    """Return the people of a session, None if one person is to be tracked as if alone: nothing
-    else moves, the request says so, or something in it applies only to one person."""
+def find_persons(job: TrackJob, examination: Examination, given: GivenStart | None) -> Persons:
+    """Return the people of an examined take: one, if nothing else moves, the request says so, or
+    something in it applies only to one person."""
+    session = examination.session
+    found = _find_several(job, session, given)
+    if found is None:
+        stated, progress = job.request.keypoints, job.progress
+        keypoints = read_keypoints(stated, session.sequence, progress, examination.diagnosis)
+        found = Persons(session.frames, (Person(None, session, keypoints),))
+    return found
+
+
+def _find_several(job: TrackJob, session: Session, given: GivenStart | None) -> Persons | None:
+    """Return the people of a session, None if one is to be tracked as if alone."""
     request, progress, sequence = job.request, job.progress, session.sequence
     wanted = check_people(request)
     if wanted == 1 or (wanted is None and sequence.subject == "object"):
@@ -118,7 +139,9 @@ def find_persons(job: TrackJob, session: Session, given: GivenStart | None) -> P
         progress.tell(f"{sequence.name}: {people.describe()}")
     keypoints = match_people_keypoints(request.keypoints, session, people, progress)
     each = zip(people, separate(session, people), keypoints, strict=True)
-    everybody = tuple(Person(person.frames, apart, points) for person, apart, points in each)
+    everybody = tuple(
+        Person(person.frames, apart, OpenedKeypoints(points)) for person, apart, points in each
+    )
     return Persons(people.frames, everybody, people.objects)
 
 
@@ -160,7 +183,7 @@ def _find_by_keypoints(job: TrackJob, session: Session, number: int | None) -> P
         if len(seen):
             settings = replace(session.settings, selection=select_span(seen, session.frames.step))
             own = Session(session.sequence, session.device, settings)
-            everybody.append(Person(seen, own, keypoints))
+            everybody.append(Person(seen, own, OpenedKeypoints(keypoints)))
     if len(everybody) < 2:
         return None
     if number is None:

@@ -25,7 +25,6 @@ from apf.report.page import write_page
 from apf.report.quality import Quality
 from apf.report.summary import SUMMARY
 from apf.takes.job import TrackJob
-from apf.takes.keypoints import OpenedKeypoints
 from apf.tracking.people import PeopleTracks, person_folder
 from apf.tracking.take import Take
 from apf.tracking.track import PARTS, PEOPLE, Track, part_name
@@ -143,12 +142,10 @@ def write_tracks(job: TrackJob, take: Take) -> None:
         remove_parts(folder)
 
 
-def finish_take(
-    job: TrackJob, examination: Examination, take: Take, opened: OpenedKeypoints
-) -> list[Judgement]:
+def finish_take(job: TrackJob, examination: Examination, take: Take) -> list[Judgement]:
     """Write overlay.mp4, summary.json and report.html for every seed, as the request says. An
     interrupted track gets only a summary, and is not compared with the silhouettes."""
-    request, line, session = job.request, job.progress, examination.session
+    request, line, session, opened = job.request, job.progress, examination.session, job.keypoints
     n_done, n_frames = len(take.tracks[0]), line.n_frames
     whole = not was_interrupted(take.tracks[0], n_frames)
     if whole and request.video:

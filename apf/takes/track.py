@@ -7,12 +7,10 @@ from dataclasses import dataclass, replace
 
 from apf.initialisation.personal import Outlines
 from apf.initialisation.start import StartError
-from apf.keypoints.keypoints import Keypoints
 from apf.report.judged import keep_judged_frames
 from apf.report.summary import read_summary, read_tracked_grid
 from apf.request import TrackingRequest, TrackRequest
 from apf.takes.job import TrackJob, list_seeds
-from apf.takes.keypoints import OpenedKeypoints, read_keypoints
 from apf.takes.people import Persons, check_people, find_persons
 from apf.takes.results import (
     FinishedTake,
@@ -127,48 +125,50 @@ def run_track(
     progress.n_frames = len(frames)
     if corrected is not None:
         progress.n_frames = len(corrected.track)
-        return [_track_person(job, examination, None, corrected)]
+        _keep_judged(job, session)
+        return [_finish(job, examination, _correct(job, session, corrected))]
     try:
-        persons = find_persons(job, session, given)
-        if persons is None:
-            return [_track_person(job, examination, given)]
-        return _track_people(job, examination, persons)
+        return _track_people(job, examination, find_persons(job, examination, given), given)
     except InputError as error:
         if examination.of_all is None:
             raise
         raise InputError(f"{error}; the likely cause: {examination.of_all}") from None
 
 
-def _track_people(job: TrackJob, examination: Examination, persons: Persons) -> list[FinishedTake]:
+def _track_people(
+    job: TrackJob, examination: Examination, persons: Persons, given: GivenStart | None
+) -> list[FinishedTake]:
     """Track each person and write their files. Who cannot be started is taken for an object,
-    unless the request says how many there are."""
+    unless the request says how many there are. given: the start of the only person."""
     progress = job.progress
     started: list[StartedTake] = []
     while len(started) < len(persons.everybody):
         number = len(started) + 1
         session = _begin_person(job, persons, number)
         try:
-            started.append(_start(persons.job(job, number), session, None, None))
+            started.append(_start(persons.job(job, number), session, given))
         except StartError as error:
             if job.request.people != "auto" or len(persons.everybody) == 1:
                 raise
             progress.warn(f"{error}; without a first pose it is left out, as an object")
             persons = persons.without(number)
-    takes: list[Take] = []
+    takes, outlines = list[Take](), dict[int, Outlines]() if persons.alone else None
     for number, start in enumerate(started, start=1):
         session = _begin_person(job, persons, number)
-        if job.request.method.uses_voxels and job.request.report and job.request.output:
-            keep_judged_frames(session)
-        takes.append(_follow(persons.job(job, number), start))
+        _keep_judged(job, session)
+        folders = persons.job(job, number).folders
+        keep = Keeper(folders) if folders else None
+        takes.append(track_started(start, progress, keep, outlines))
         if was_interrupted(takes[-1].tracks[0], len(session.frames)) or takes[-1].error is not None:
             break
-    takes = fit_together(started, takes)
+    if outlines is None:
+        takes = fit_together(started, takes)
+    else:
+        takes = [fit_personal(started[0], takes[0], outlines, progress)]
     done = []
     for number, take in enumerate(takes, start=1):
         session = _begin_person(job, persons, number)
-        own_job = persons.job(job, number)
-        keypoints = OpenedKeypoints(own_job.keypoints)
-        done.append(_finish(own_job, replace(examination, session=session), take, keypoints))
+        done.append(_finish(persons.job(job, number), replace(examination, session=session), take))
     verdicts = [one.judgements[0].quality.verdict for one in done if one.judgements]
     tracks = persons.gather([take.tracks[0] for take in takes], verdicts)
     done = [replace(one, everybody=tracks) for one in done]
@@ -183,48 +183,29 @@ def _track_people(job: TrackJob, examination: Examination, persons: Persons) -> 
 def _begin_person(job: TrackJob, persons: Persons, number: int) -> Session:
     """Return the session of a person, counted from 1, of whom progress is reported now."""
     session = persons.everybody[number - 1].session
-    job.progress.begin_person(len(session.frames), number, len(persons.everybody))
+    if not persons.alone:
+        job.progress.begin_person(len(session.frames), number, len(persons.everybody))
     return session
 
 
-def _track_person(
-    job: TrackJob,
-    examination: Examination,
-    given: GivenStart | None,
-    corrected: CorrectedTrack | None = None,
-) -> FinishedTake:
-    """Track one person in a session, or correct their track, and write their files."""
-    session, request = examination.session, job.request
+def _keep_judged(job: TrackJob, session: Session) -> None:
+    """Keep the frames that the report is about while the person is tracked."""
+    request = job.request
     if request.method.uses_voxels and request.report and request.output is not None:
         keep_judged_frames(session)
-    keypoints = OpenedKeypoints(None)
-    if corrected is not None:
-        take = _correct(job, session, corrected)
-    else:
-        keypoints = read_keypoints(
-            request.keypoints, session.sequence, job.progress, examination.diagnosis
-        )
-        started = _start(job, session, given, keypoints.keypoints)
-        outlines = dict[int, Outlines]()
-        take = fit_personal(started, _follow(job, started, outlines), outlines, job.progress)
-    return _finish(job, examination, take, keypoints)
 
 
-def _finish(
-    job: TrackJob, examination: Examination, take: Take, keypoints: OpenedKeypoints
-) -> FinishedTake:
+def _finish(job: TrackJob, examination: Examination, take: Take) -> FinishedTake:
     """Write the files of one person."""
     n_frames = job.progress.n_frames
     if job.request.output is None:
         return FinishedTake(take, n_frames, None, [])
     write_tracks(job, take)
-    judgements = finish_take(job, examination, take, keypoints)
+    judgements = finish_take(job, examination, take)
     return FinishedTake(take, n_frames, job.request.output, judgements)
 
 
-def _start(
-    job: TrackJob, session: Session, given: GivenStart | None, keypoints: Keypoints | None
-) -> StartedTake:
+def _start(job: TrackJob, session: Session, given: GivenStart | None) -> StartedTake:
     """Find a person's body and first pose."""
     request, sequence = job.request, session.sequence
     template, keep_shape = load_template(request.body)
@@ -235,7 +216,7 @@ def _start(
         keep_shape=keep_shape,
         height=request.height,
         given=given,
-        keypoints=keypoints if job.keypoints is None else job.keypoints,
+        keypoints=job.keypoints.keypoints,
     )
     number = job.of_people.get("person")
     with explain_failed_start(sequence, number):
@@ -243,14 +224,6 @@ def _start(
     if started.start is not None:
         warn_of_doubts(sequence, started.start, job.progress.warn, number)
     return started
-
-
-def _follow(
-    job: TrackJob, started: StartedTake, outlines: dict[int, Outlines] | None = None
-) -> Take:
-    """Track one person from their start on, writing chunks."""
-    keep = Keeper(job.folders) if job.folders else None
-    return track_started(started, job.progress, keep, outlines)
 
 
 def _read_corrections(request: TrackingRequest) -> CorrectedTrack | None:

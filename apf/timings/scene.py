@@ -105,7 +105,8 @@ def make_scene(device: Device, frames: int, people: int = 1, views: int = VIEWS)
     )
     shown, first = [], max(0, _MIDDLE - frames // 2)
     for index in range(first, first + frames):
-        images, masks, _ = scene.frame(index)
+        images, numbers = scene.frame(index)
+        masks = np.where(numbers > 0, np.uint8(255), np.uint8(0))
         masks = np.where(undistorted(masks) > 127, np.uint8(255), np.uint8(0))
         shown.append(Frame(index, undistorted(images), masks))
     joints = scene.people_joints[:, first : first + frames]

@@ -105,7 +105,8 @@ def small_problem(device: Device) -> Problem:
     """Two frames of a walk before three small cameras."""
     walk = SyntheticScene(SceneConfig(cameras=3, frames=2, size=(160, 120)), device)
     plates = np.stack([walk.background_frame(i) for i in range(6)]).astype(np.float32)
-    frames = [Frame(i, *walk.frame(i)[:2]) for i in range(2)]
+    shown = [walk.frame(i) for i in range(2)]
+    frames = [Frame(i, images, 255 * numbers) for i, (images, numbers) in enumerate(shown)]
     background = Background(plates.mean(0), plates.std(0))
     scene = Scene(walk.rig, background, frames, walk.people_joints, tuple(walk.joint_names))
     joints = dict(zip(walk.joint_names, walk.joints[0], strict=True))

@@ -40,17 +40,17 @@ def uniform01(words: np.ndarray) -> np.ndarray:
 
 def normals(seed: int, frame: int, layer: int, n_particles: int, n_dof: int) -> np.ndarray:
     """Draw (n_particles, n_dof) standard normal numbers (Box-Muller)."""
-    words = _words(seed, frame, layer, n_particles, n_dof)
+    words = draw_words(seed, frame, layer, n_particles, n_dof)
     radius = np.sqrt(-2 * np.log(uniform01(words[..., 0])))
     return radius * np.cos(2 * np.pi * uniform01(words[..., 1]))
 
 
 def uniforms(seed: int, frame: int, layer: int, n_particles: int, n_dof: int) -> np.ndarray:
     """Draw (n_particles, n_dof) numbers in (0, 1)."""
-    return uniform01(_words(seed, frame, layer, n_particles, n_dof)[..., 0])
+    return uniform01(draw_words(seed, frame, layer, n_particles, n_dof)[..., 0])
 
 
-def _words(seed: int, frame: int, layer: int, n_particles: int, n_dof: int) -> np.ndarray:
+def draw_words(seed: int, frame: int, layer: int, n_particles: int, n_dof: int) -> np.ndarray:
     """Return (n_particles, n_dof, 4) uint32 random words."""
     counter = np.zeros((n_particles, n_dof, 4), np.uint64)
     counter[..., 0], counter[..., 1] = frame, layer

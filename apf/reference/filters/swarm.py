@@ -10,7 +10,7 @@ from apf.filters.config import FilterConfig
 from apf.filters.searches import SwarmConfig
 from apf.reference.filters.annealing import diffuse
 from apf.reference.filters.base import NumpyTracker
-from apf.reference.filters.noise import philox4x32, uniform01
+from apf.reference.filters.noise import draw_words, uniform01
 from apf.reference.likelihood.base import NumpyLikelihood
 from apf.scene import Scene
 
@@ -18,10 +18,7 @@ from apf.scene import Scene
 def uniform_pairs(seed: int, frame: int, iteration: int, shape: tuple[int, int]) -> np.ndarray:
     """Return (N, D, 2) r1 and r2 of Rymut 2016 eq. (2.27), for every particle and degree of
     freedom."""
-    counter = np.zeros((*shape, 4), np.uint64)
-    counter[..., 0], counter[..., 1] = frame, iteration
-    counter[..., 2], counter[..., 3] = np.arange(shape[0])[:, None], np.arange(shape[1])
-    return uniform01(philox4x32(counter, seed)[..., :2])
+    return uniform01(draw_words(seed, frame, iteration, *shape)[..., :2])
 
 
 class NumpyParticleSwarm(NumpyTracker):

@@ -7,11 +7,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from apf.reference.synthetic.scene import FAR, FOUR, LAMPS, camera_rays, smoothstep
+from apf.reference.synthetic.scene import FOUR, LAMPS, camera_rays, smoothstep
+from apf.synthetic.render import FAR
+from apf.synthetic.scene import ROOM
 from psfs.cameras.camera import Camera
-
-#: Half width, half depth and height of the room, m.
-ROOM = (4.7, 4.9, 4.8)
 
 
 def empty_room(

@@ -9,10 +9,8 @@ from __future__ import annotations
 import numpy as np
 import scipy
 
+from apf.synthetic.render import FAR, HIT, MARCH_STEPS
 from psfs.cameras.camera import Camera
-
-HIT, MARCH_STEPS, FAR = 5e-4, 64, 1e6
-
 
 #: x, y, z in m and strength of the two lamps, and their radius, m.
 LAMPS = np.array([[1.6, -1.9, 4.6, 0.56], [-2.1, 1.4, 4.3, 0.36]])

@@ -117,9 +117,9 @@ def test_flesh_surrounds_the_joints_and_stays_above_the_floor() -> None:
 def test_joints_project_into_the_masks(scene: SyntheticScene) -> None:
     inside = []
     for index in (0, 6):
-        _, masks, joints = scene.frame(index)
+        _, masks = scene.frame(index)
         for camera, mask in zip(scene.rig, masks, strict=True):
-            pixels, depth = camera.project(joints)
+            pixels, depth = camera.project(scene.joints[index])
             u, v = np.rint(pixels).astype(int).T
             seen = (depth > 0) & (u >= 0) & (v >= 0) & (u < mask.shape[1]) & (v < mask.shape[0])
             inside += list(cv2.dilate(mask, np.ones((3, 3)))[v[seen], u[seen]] > 0)
@@ -157,7 +157,7 @@ def test_folder_is_whole(folder: Path, scene: SyntheticScene) -> None:
     np.testing.assert_allclose(first, expected, atol=1e-6)
     assert len(rows) == SMALL.frames
     mask = cv2.imread(str(folder / "truth_masks" / "cam02_000010.png"), cv2.IMREAD_UNCHANGED)
-    np.testing.assert_array_equal(mask, scene.frame(10)[1][1])
+    np.testing.assert_array_equal(mask > 0, scene.frame(10)[1][1] > 0)
 
 
 def test_generate_replaces_only_its_own_folders(

@@ -40,7 +40,7 @@ def test_walkers_stay_apart_and_in_the_room(people: int, seed: int) -> None:
 def test_who_is_nearer_hides_the_others(scene: SyntheticScene) -> None:
     hidden = 0
     for index in (0, 7):
-        numbers = scene.frame_of_people(index)[1]
+        numbers = scene.frame(index)[1]
         there = np.flatnonzero(presence(SMALL)[:, index])
         for view, camera in enumerate(scene.rig):
             drawn = [silhouette(camera, scene.posed(index, int(k))[0]) for k in there]
