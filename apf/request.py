@@ -149,6 +149,13 @@ def shape_settings(values: Mapping[str, Any]) -> dict[str, Any]:
     return {} if shape is None else {"vertices_per_part": int(shape), "mesh_file": ""}
 
 
+#: The folder of results; and that of a track, or its file.
+Output = Annotated[Path, output_flag("folder")]
+TrackFile = Annotated[Path, folder_flag("folder of `apf track`, or its npz", "OUT")]
+#: What the files of a sequence do not state, without its rate.
+Sighted = Annotated[SequenceSettings, Part(SEQUENCE, without=("fps",), texts=CAPTURE_TEXTS)]
+
+
 class StartRequest(TakeRequest):
     """The person, the first pose, and the method."""
 
@@ -290,7 +297,6 @@ class TrackingRequest(StartRequest):
              "PATH", path_or_name, group=KEYPOINTS),
     ] = None  # fmt: skip
     triangulated: Annotated[TriangulatedConfig, Part(KEYPOINTS)] = part(TriangulatedConfig)
-    triangulate: bool = False
     seeds: Annotated[
         int | None,
         Flag("make N runs at once, with seeds from --seed on, into OUT/seed0 and so on, and say "
@@ -314,12 +320,10 @@ class TrackingRequest(StartRequest):
         """The folder of the take, or of the first."""
         return self.folders[0]
 
-    @classmethod
-    def from_stated(cls, stated: Stated) -> Any:
-        """Return the request that a command line states. Raises InputError."""
-        request = super().from_stated(stated)
-        alone = stated.values.get("method") == TRIANGULATE
-        return request.replace(triangulate=True) if alone else request
+    @property
+    def triangulate(self) -> bool:
+        """Whether keypoints alone are triangulated, without a body."""
+        return self._stated is not None and self._stated.values.get("method") == TRIANGULATE
 
     def value(self, option: Option) -> Any:
         """Return the value of a flag."""
@@ -378,10 +382,8 @@ class LiveRequest(StartRequest):
     COMMAND: ClassVar = "apf live"
 
     folder: Annotated[Path, folder_flag("folder with calibrated views")]
-    output: Annotated[Path, output_flag("folder")]
-    capture: Annotated[SequenceSettings, Part(SEQUENCE, without=("fps",), texts=CAPTURE_TEXTS)] = (
-        part(SequenceSettings)
-    )
+    output: Output
+    capture: Sighted = part(SequenceSettings)
     captures: Annotated[
         tuple[str, ...] | None,
         Flag("cameras in the order of the calibration that lies in FOLDER (or that FOLDER is): USB "
@@ -422,15 +424,12 @@ class LiveRequest(StartRequest):
              "lsl, also as vmc:HOST:PORT", "KIND", nargs="+"),
     ] = None  # fmt: skip
     live: Annotated[LiveConfig, Part(only=(), table="live")] = part(LiveConfig)
-    #: Whether the search's noise is stated, rather than that of `live`.
-    own_noise: bool = False
 
-    @classmethod
-    def from_stated(cls, stated: Stated) -> Any:
-        """Return the request that a command line states. Raises InputError."""
-        request = super().from_stated(stated)
-        own = "noise" in stated.values or "method" in {**stated.tables, **stated.preset}
-        return request.replace(own_noise=own)
+    @property
+    def states_noise(self) -> bool:
+        """Whether the search's noise is stated, rather than that of `live`."""
+        stated = self._stated
+        return stated is not None and ("noise" in stated.values or "method" in stated.tables)
 
 
 class SynthRequest(Request):
@@ -496,7 +495,7 @@ class CalibrateRequest(of_psfs.PersonRequest):
     )
 
     folder: Annotated[Path, folder_flag("footage of the person")]
-    output: Annotated[Path, output_flag("folder")]
+    output: Output
     keypoints: Annotated[
         str | None,
         Flag("keypoints in all cameras, of any program that apf track --keypoints reads "
@@ -532,9 +531,7 @@ class KeypointsRequest(FolderRequest):
         Path,
         output_flag("folder for OUT/<camera>_json/<camera>_000000.json, as Pose2Sim has them"),
     ]
-    capture: Annotated[SequenceSettings, Part(SEQUENCE, without=("fps",), texts=CAPTURE_TEXTS)] = (
-        part(SequenceSettings)
-    )
+    capture: Sighted = part(SequenceSettings)
     at_once: Annotated[int | None, Flag("cameras at a time (default: as many as cores)", "N")] = (
         None
     )
@@ -556,7 +553,7 @@ class SmoothRequest(Request):
     COMMAND: ClassVar = "apf smooth"
 
     track: Annotated[Path, folder_flag("folder that `apf track` wrote", "TRACK")]
-    output: Annotated[Path, output_flag("folder")]
+    output: Output
     smoothing: Annotated[SmoothingConfig, Part(only=("cutoff", "lag"), fill=True)] = part(
         SmoothingConfig
     )
@@ -567,7 +564,7 @@ class ExportRequest(Request):
 
     COMMAND: ClassVar = "apf export"
 
-    track: Annotated[Path, folder_flag("folder of `apf track`, or its npz", "OUT")]
+    track: TrackFile
     to: Annotated[
         tuple[str, ...] | None,
         Flag(f"{', '.join(EXPORTS)} (default: all; of a track without a body "
@@ -596,7 +593,7 @@ class EvaluateRequest(Request):
 
     COMMAND: ClassVar = "apf evaluate"
 
-    track: Annotated[Path, folder_flag("folder of `apf track`, or its npz", "OUT")]
+    track: TrackFile
     truth: Annotated[
         tuple[Path, ...],
         Flag("npz, TRC or C3D; of several people one npz of all, or a file for each", "FILE",
@@ -645,7 +642,7 @@ class RenderRequest(FolderRequest):
     COMMAND: ClassVar = "apf render"
 
     track: Annotated[Path, folder_flag("folder that `apf track` wrote", "TRACK")]
-    output: Annotated[Path, output_flag("folder")]
+    output: Output
     frames: Annotated[slice | None, of_psfs.FRAMES] = None
     look: Annotated[
         ObjectiveConfig,

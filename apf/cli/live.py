@@ -52,7 +52,7 @@ def run(request: LiveRequest) -> None:
     # The frames are not evenly spaced, and `Live` predicts the motion itself.
     config = request.live
     noise = method.filter.search.noise
-    if method.uses_voxels and not request.own_noise:
+    if method.uses_voxels and not request.states_noise:
         noise = config.noise
     method = method.replace(filter=method.filter.with_changes(velocity=0.0, noise=noise))
     device = select_device(request.device)

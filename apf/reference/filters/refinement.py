@@ -8,9 +8,8 @@ from apf.body.jacobian import bone_point_jacobian, distance_jacobian
 from apf.body.model import BodyModel
 from apf.filters.config import POINT_SCALE, VOXEL_SCALE, FilterConfig, GaussNewtonFit
 from apf.filters.refinement import VOXEL_STRENGTH, prior_deviation
-from apf.likelihood.config import EXCHANGE_COST
 from apf.likelihood.observations import PointObservations
-from apf.reference.likelihood.keypoints import distances, observed_positions
+from apf.reference.likelihood.keypoints import match_points, observed_positions
 from psfs.cameras.camera import CameraRig
 
 
@@ -82,17 +81,7 @@ def _point_system(
     (2 N, D) of both coordinates of each that is in front of its camera, as its own point or its
     partner, whichever misses less."""
     world = observed_positions(body, pose[None], observations)
-    found = []
-    for which in (observations.point, observations.partner):
-        off = distances(rig, world, which, observations)[0]
-        with np.errstate(invalid="ignore"):
-            square = np.sum((off / POINT_SCALE) ** 2, -1)
-            found.append((off, np.where(np.isfinite(square), square / (1 + square), 1.0)))
-    (off, share), (other_off, other_share) = found
-    other_share = EXCHANGE_COST + (1 - EXCHANGE_COST) * other_share
-    other = (observations.partner >= 0) & (other_share < share)
-    share, off = np.where(other, other_share, share), np.where(other[:, None], other_off, off)
-    point = np.where(other, observations.partner, observations.point)
+    off, point, share = (of[0] for of in match_points(rig, world, observations, POINT_SCALE))
     seen = np.isfinite(off).all(1)
     off, point, camera = off[seen], point[seen], observations.camera[seen]
     moves = bone_point_jacobian(body, pose[None], observations.bone[point], world[:, point])[0]

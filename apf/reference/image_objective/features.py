@@ -22,8 +22,7 @@ if TYPE_CHECKING:
     from psfs.sequence import Frame
 
 #: Gaussian 3x3 and then Sobel along one axis: a derivative there, smoothing across.
-_DERIVATIVE = np.array([-1, -2, 0, 2, 1]) / 4
-_SMOOTHING = np.array([1, 4, 6, 4, 1]) / 4
+DERIVATIVE, SMOOTHING = np.array([-1, -2, 0, 2, 1]), np.array([1, 4, 6, 4, 1])
 
 
 def region(silhouette: np.ndarray, margin: int, blobs: int = 0) -> np.ndarray:
@@ -63,8 +62,8 @@ def sobel_edges(image: np.ndarray, config: FeatureConfig) -> np.ndarray:
     blue, green, red = np.moveaxis(image.astype(int), -1, 0)
     grey = ((29 * blue + 150 * green + 77 * red + 128) >> 8).astype(np.float64)
     border = cv2.BORDER_REPLICATE
-    gx = cv2.sepFilter2D(grey, cv2.CV_64F, _DERIVATIVE, _SMOOTHING, borderType=border)
-    gy = cv2.sepFilter2D(grey, cv2.CV_64F, _SMOOTHING, _DERIVATIVE, borderType=border)
+    gx = cv2.sepFilter2D(grey, cv2.CV_64F, DERIVATIVE / 4, SMOOTHING / 4, borderType=border)
+    gy = cv2.sepFilter2D(grey, cv2.CV_64F, SMOOTHING / 4, DERIVATIVE / 4, borderType=border)
     return gx**2 + gy**2 >= config.squared_threshold / 16**2
 
 

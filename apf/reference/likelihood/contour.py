@@ -20,11 +20,11 @@ from apf.likelihood.contour import (
 from apf.likelihood.part_colour import list_scored_parts
 from apf.likelihood.term import SharedTwin, TermTwin
 from apf.likelihood.terms import ContourConfig
+from apf.reference.image_objective.features import DERIVATIVE, SMOOTHING
 from apf.reference.likelihood.part_colour import hidden_by_trunk, lookup_pixels
 from psfs.cameras.camera import Camera
 from psfs.voxels.host_voxels import HostVoxels
 
-_SMOOTH, _DERIVE = np.array([1, 4, 6, 4, 1]), np.array([-1, -2, 0, 2, 1])
 #: Blue, green and red in grey, in 256ths (ITU-R BT.601).
 _GREY = np.array([29, 150, 77])
 #: Slope from which a line counts as upright or level.
@@ -39,8 +39,8 @@ def compute_gradients(pictures: np.ndarray, maps: np.ndarray) -> np.ndarray:
     along = []
     for axis in (2, 1):
         other = 3 - axis
-        smooth = scipy.ndimage.correlate1d(grey, _SMOOTH, other, mode="nearest")
-        along.append(scipy.ndimage.correlate1d(smooth, _DERIVE, axis, mode="nearest"))
+        smooth = scipy.ndimage.correlate1d(grey, SMOOTHING, other, mode="nearest")
+        along.append(scipy.ndimage.correlate1d(smooth, DERIVATIVE, axis, mode="nearest"))
     return np.where(_visible_pixels(maps, MARGIN), np.stack(along, 1), 0).astype(np.int16)
 
 

@@ -47,26 +47,32 @@ def distances(
     return out
 
 
-def missed_shares(
-    body: BodyModel,
-    rig: CameraRig,
-    poses: np.ndarray,
-    observations: PointObservations,
-) -> np.ndarray:
-    """Return (M, N) the share d^2 / (d^2 + POINT_REACH^2) of every sighting's distance d in
-    deviations (Geman & McClure 1987), or `EXCHANGE_COST` and the rest's share of its
-    partner's if that is less."""
-    points = observed_positions(body, poses, observations)
-
-    def shares(which: np.ndarray) -> np.ndarray:
+def match_points(
+    rig: CameraRig, points: np.ndarray, observations: PointObservations, reach: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return for every sighting of points (M, P, 3) m its distance (M, N, 2) in deviations, the
+    point's number (M, N), and the share d^2 / (d^2 + reach^2) of the distance d (M, N) (Geman &
+    McClure 1987): as its own point or, at `EXCHANGE_COST` and the rest's share, as its partner,
+    whichever has less."""
+    found = []
+    for which in (observations.point, observations.partner):
         off = distances(rig, points, which, observations)
         with np.errstate(invalid="ignore"):
-            square = np.sum((off / POINT_REACH) ** 2, -1)
-            return np.where(np.isfinite(square), square / (1 + square), 1.0)
+            square = np.sum((off / reach) ** 2, -1)
+            found.append((off, np.where(np.isfinite(square), square / (1 + square), 1.0)))
+    (off, share), (other_off, other_share) = found
+    other_share = EXCHANGE_COST + (1 - EXCHANGE_COST) * other_share
+    other = (observations.partner >= 0) & (other_share < share)
+    point = np.where(other, observations.partner, observations.point)
+    return np.where(other[..., None], other_off, off), point, np.where(other, other_share, share)
 
-    own, as_other = shares(observations.point), shares(observations.partner)
-    swapped = EXCHANGE_COST + (1 - EXCHANGE_COST) * as_other
-    return np.where(observations.partner >= 0, np.minimum(own, swapped), own)
+
+def missed_shares(
+    body: BodyModel, rig: CameraRig, poses: np.ndarray, observations: PointObservations
+) -> np.ndarray:
+    """Return the shares (M, N) of `match_points` in poses (M, D)."""
+    points = observed_positions(body, poses, observations)
+    return match_points(rig, points, observations, POINT_REACH)[2]
 
 
 class NumpyKeypointLikelihood(NumpyLikelihood):

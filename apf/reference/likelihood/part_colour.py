@@ -53,6 +53,12 @@ def is_in_outline(corners: np.ndarray, pixels: np.ndarray) -> np.ndarray:
     return (sides >= 0).all(-1) | (sides <= 0).all(-1)
 
 
+def sample_outlines(quad: np.ndarray, t: np.ndarray, u: np.ndarray) -> np.ndarray:
+    """Return the points at the shares t along and u across trapezoids with corners (4, ...)."""
+    left, right = quad[0] + t * (quad[3] - quad[0]), quad[1] + t * (quad[2] - quad[1])
+    return left + u * (right - left)
+
+
 def lookup_pixels(camera: Camera, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return rows and columns (...) int of pixels (..., 2), 0 outside of the picture, and whether
     they lie in it."""
@@ -78,8 +84,7 @@ def count_codes(rig: CameraRig, body: BodyModel, pose: np.ndarray, codes: np.nda
     for camera, view in zip(rig, codes, strict=True):
         corners = project_outlines(camera, cones)[0]
         for c, own in enumerate(corners):
-            left, right = own[0] + t * (own[3] - own[0]), own[1] + t * (own[2] - own[1])
-            pixels = left + u * (right - left)
+            pixels = sample_outlines(own, t, u)
             others = np.delete(corners, c, 0)
             alone = ~is_in_outline(others[:, None, None], pixels).any(0)
             code = _lookup_codes(camera, view, pixels)
@@ -145,12 +150,10 @@ def colour_means(
     scored = look.row_parts >= 0
     rows, parts = look.rows[scored], look.row_parts[scored]
     corners = project_outlines(camera, cones)
-    quads, t = corners[:, rows[:, 0].astype(int)], rows[:, 1, None]
-    left = quads[:, :, 0] + t * (quads[:, :, 3] - quads[:, :, 0])
-    right = quads[:, :, 1] + t * (quads[:, :, 2] - quads[:, :, 1])
+    quads = np.moveaxis(corners[:, rows[:, 0].astype(int), None], 3, 0)
     columns = np.arange(int(rows[:, 2].max(initial=0)))
     u = ((columns + 0.5) / rows[:, 2, None])[..., None]
-    pixels = left[:, :, None] + u * (right - left)[:, :, None]  # (N, rows, columns, 2)
+    pixels = sample_outlines(quads, rows[:, 1, None, None], u)  # (N, rows, columns, 2)
     code = _lookup_codes(camera, codes, pixels)
     hidden = hidden_by_trunk(camera, body, cones, corners, rows, pixels)
     seen = (columns < rows[:, 2, None]) & (code >= 0) & (code != _HIDDEN_CODE) & ~hidden

@@ -16,6 +16,7 @@ from apf.likelihood.term import SharedTwin, TermTwin
 from apf.likelihood.terms import TERMS
 from apf.likelihood.voxel import SURFACE_SCALE, choose_cone_sampling, make_sample_rows
 from apf.reference.likelihood.base import NumpyLikelihood
+from apf.reference.likelihood.part_colour import is_in_outline, sample_outlines
 from apf.scene import Scene
 from cl import NumpyDevice
 from psfs.cameras.camera import Camera, CameraRig
@@ -39,9 +40,7 @@ def image_errors(
         t = ((np.arange(rows) + 0.5) / rows)[:, None, None]
         u = np.concatenate([[0.0], (np.arange(columns) + 0.5) / columns, [1.0]])[:, None]
         quad = corners[:, c, :, None, None]
-        left = quad[:, 0] + t * (quad[:, 3] - quad[:, 0])
-        right = quad[:, 1] + t * (quad[:, 2] - quad[:, 1])
-        pixels = left + u * (right - left)  # (N, rows, columns + 2, 2)
+        pixels = sample_outlines(np.moveaxis(quad, 1, 0), t, u)  # (N, rows, columns + 2, 2)
         x, y = np.moveaxis(np.rint(np.nan_to_num(pixels, nan=-1e6)), -1, 0)
         inside = (x >= 0) & (y >= 0) & (x < camera.size[0]) & (y < camera.size[1])
         value = maps[np.where(inside, y, 0).astype(int), np.where(inside, x, 0).astype(int)]
@@ -115,25 +114,24 @@ def total_errors(
     sampling: np.ndarray,
     pairs: Sequence[tuple[int, int]],
     config: LikelihoodConfig,
+    terms: Sequence[TermTwin] = (),
 ) -> np.ndarray:
     """Return (N,) the exponent of Song et al. eq. (16) with its sign corrected.
 
     Surface and overlap error and silhouette recall are added once per camera. Cameras without a
-    sample are replaced by the mean of the others.
+    sample are replaced by the mean of the others. terms: whose errors in each camera are added.
     """
     errors = np.zeros(len(cones))
     seeing = np.zeros(len(cones))
-    for camera, view in zip(rig, observed.maps, strict=True):
+    for v, (camera, view) in enumerate(zip(rig, observed.maps, strict=True)):
         edge, n_edge, inner, n_inner = np.moveaxis(
             image_errors(camera, cones, view, sampling).sum(1), -1, 0
         )
         seen = (n_edge > 0) & (n_inner > 0)
-        errors += np.where(
-            seen,
-            config.edge_weight * edge / np.maximum(n_edge, 1)
-            + config.silhouette_weight * inner / np.maximum(n_inner, 1),
-            0.0,
-        )
+        own = config.edge_weight * edge / np.maximum(n_edge, 1)
+        own = own + config.silhouette_weight * inner / np.maximum(n_inner, 1)
+        own = sum((of for term in terms if (of := term.view_errors(v, cones)) is not None), own)
+        errors += np.where(seen, own, 0.0)
         seeing += seen
     worst = config.edge_weight + config.silhouette_weight
     mean = np.where(seeing > 0, errors / np.maximum(seeing, 1), worst)
@@ -196,25 +194,12 @@ class NumpyVoxelLikelihood(NumpyLikelihood):
         body, rig = self.body, self.rig
         cones, points = posed_cones(body, poses), subset(self.points, turn, turns)
         seen = FrameEvidence(self._maps, points)
-        errors = total_errors(rig, cones, seen, self._sampling, body.apart, config)
+        terms = list(self.terms.values())
+        errors = total_errors(rig, cones, seen, self._sampling, body.apart, config, terms)
         errors = errors + len(rig) * config.posture_prior_weight * posture_errors(body, poses)
-        errors = errors + self._picture_errors(cones)
         for name, term in self.terms.items():
             errors = errors + len(rig) * config.terms[name].weight * term.errors(poses)
         return errors
-
-    def _picture_errors(self, cones: np.ndarray) -> np.ndarray:
-        """Return (N,) errors of the terms that are evaluated per camera: their mean over the
-        cameras that see the body, times the number of cameras."""
-        errors, seeing = np.zeros(len(cones)), np.zeros(len(cones))
-        for v, camera in enumerate(self.rig):
-            sums = image_errors(camera, cones, self._maps[v], self._sampling).sum(1)
-            seen = (sums[:, 1] > 0) & (sums[:, 3] > 0)
-            found = [term.view_errors(v, cones) for term in self.terms.values()]
-            error = sum((each for each in found if each is not None), np.zeros(len(cones)))
-            errors += np.where(seen, error, 0.0)
-            seeing += seen
-        return len(self.rig) * errors / np.maximum(seeing, 1)
 
     def misfit(self, pose: np.ndarray) -> float:
         """Return the misfit of a pose (D,), see `VoxelLikelihood.misfit_launcher`."""
@@ -257,15 +242,5 @@ def uncovered_errors(rig: CameraRig, cones: np.ndarray, points: np.ndarray) -> n
         seen = camera.project(points[camera.look_up(points)[0]])[0]
         if len(seen):
             corners = project_outlines(camera, cones)
-            shares.append([1 - find_covered(one, seen).mean() for one in corners])
+            shares.append([1 - is_in_outline(one, seen[:, None]).any(-1).mean() for one in corners])
     return np.mean(shares, axis=0) if shares else np.ones(len(cones))
-
-
-def find_covered(corners: np.ndarray, pixels: np.ndarray) -> np.ndarray:
-    """Return (K,) whether pixels (K, 2) lie in any of the trapezoids (C, 4, 2); one with NaN
-    corners holds none."""
-    edges = np.roll(corners, -1, axis=1) - corners
-    away = pixels[:, None, None] - corners  # (K, C, 4, 2)
-    side = edges[..., 0] * away[..., 1] - edges[..., 1] * away[..., 0]
-    inside = (side > 0).all(-1) | (side < 0).all(-1)
-    return inside.any(-1)

@@ -13,7 +13,8 @@ from apf.body.cones import project_outlines
 from apf.body.kinematics import posed_cones
 from apf.body.toml import load_body
 from apf.likelihood import silhouette_recall
-from apf.reference.likelihood.voxel import find_covered, sampled_surface, uncovered_errors
+from apf.reference.likelihood.part_colour import is_in_outline
+from apf.reference.likelihood.voxel import sampled_surface, uncovered_errors
 from cl import Device
 from psfs.voxels.grid import VoxelGrid
 
@@ -26,8 +27,8 @@ def test_inside_of_a_trapezoid_either_way_round() -> None:
     pixels = np.array([[1.0, 1], [3.9, 1.9], [4.1, 1], [-1, 1], [2, 3]])
     inside = [True, True, False, False, False]
     for quad in (square, square[::-1]):
-        assert find_covered(np.stack([quad, nothing]), pixels).tolist() == inside
-    assert not find_covered(nothing[None], pixels).any()
+        covered = is_in_outline(np.stack([quad, nothing]), pixels[:, None])
+        assert covered.T.tolist() == [inside, [False] * len(pixels)]
 
 
 def test_a_hidden_leg_costs_what_it_leaves_uncovered() -> None:
