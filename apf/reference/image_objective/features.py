@@ -10,6 +10,7 @@ import scipy
 
 from apf.image_objective.config import FeatureConfig
 from apf.image_objective.features import CELL, CELL_PIXELS, canny_edges, edge_pictures
+from apf.reference.likelihood.contour import DERIVATIVE, SMOOTHING
 from cl import NumpyDevice
 from psfs.cameras.camera import CameraRig
 from psfs.reference.reprojection import boundary, proximity
@@ -20,9 +21,6 @@ from psfs.silhouettes.config import SilhouetteConfig
 if TYPE_CHECKING:
     from psfs.background.gaussian import Background
     from psfs.sequence import Frame
-
-#: Gaussian 3x3 and then Sobel along one axis: a derivative there, smoothing across.
-DERIVATIVE, SMOOTHING = np.array([-1, -2, 0, 2, 1]), np.array([1, 4, 6, 4, 1])
 
 
 def region(silhouette: np.ndarray, margin: int, blobs: int = 0) -> np.ndarray:

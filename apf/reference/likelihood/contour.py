@@ -20,11 +20,12 @@ from apf.likelihood.contour import (
 from apf.likelihood.part_colour import list_scored_parts
 from apf.likelihood.term import SharedTwin, TermTwin
 from apf.likelihood.terms import ContourConfig
-from apf.reference.image_objective.features import DERIVATIVE, SMOOTHING
 from apf.reference.likelihood.part_colour import hidden_by_trunk, lookup_pixels
 from psfs.cameras.camera import Camera
 from psfs.voxels.host_voxels import HostVoxels
 
+#: Gaussian 3x3 and then Sobel along one axis: a derivative there, smoothing across.
+DERIVATIVE, SMOOTHING = np.array([-1, -2, 0, 2, 1]), np.array([1, 4, 6, 4, 1])
 #: Blue, green and red in grey, in 256ths (ITU-R BT.601).
 _GREY = np.array([29, 150, 77])
 #: Slope from which a line counts as upright or level.
