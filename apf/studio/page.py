@@ -19,6 +19,7 @@ from apf.studio.run_panel import RunPanel
 from apf.studio.watch import TrackWatch
 from apf.studio.work import Work, WorkSlot, free_folder
 from cl import InputError, UserError
+from psfs.cli.program import describe
 from psfs.common.files import read_json
 from psfs.page.clouds import open_voxels
 from psfs.page.server import BrowserPage
@@ -229,7 +230,8 @@ class Page(BrowserPage):
 
     def say(self, error: object) -> None:
         """Show an error on the page."""
-        self._message.content = make_lines([("warning", error)])
+        words = describe(error) if isinstance(error, BaseException) else error
+        self._message.content = make_lines([("warning", words)])
 
     def _add_open(self, gui: viser.GuiApi) -> None:
         self._folder: Any = gui.add_dropdown(

@@ -142,6 +142,17 @@ def test_a_file_that_has_another_beside_it_is_packed_with_it(
         assert name == "walk.zip" and set(packed.namelist()) == {"walk.mot", "walk_filled.csv"}
 
 
+def test_a_folder_that_is_gone_is_named(tmp_path: Path, open_page: Callable[[Path], Page]) -> None:
+    folder = save_track(tmp_path / "runs" / "walk")
+    page = open_page(folder.parent)
+    page.open(folder)
+    with pytest.raises(FileNotFoundError) as gone:
+        page.export.read_report()
+    page.say(gone.value)
+    said = page._message.content
+    assert "report.html: cannot be read or written: No such file" in said and "Errno" not in said
+
+
 def test_running_track_is_watched_by_its_parts(
     tmp_path: Path, open_page: Callable[[Path], Page]
 ) -> None:
