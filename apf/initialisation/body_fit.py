@@ -17,7 +17,7 @@ import numpy as np
 import scipy
 
 from apf.body.cones import cone_normals
-from apf.body.jacobian import bone_point_jacobian, point_jacobian
+from apf.body.jacobian import bone_point_jacobian, point_jacobian, world_axes
 from apf.body.kinematics import bone_matrices, posed_cones
 from apf.body.model import BodyModel, sideless
 from apf.body.stature import ankle_cones, stature
@@ -40,7 +40,7 @@ from psfs.common.least_squares import (
     prior,
     solve,
 )
-from psfs.common.progress import map_in_threads, one_blas_thread
+from psfs.common.progress import one_blas_thread
 
 #: Independent frames, and independent distances of a frame's surface voxels and of its body.
 _INDEPENDENT_FRAMES, _INDEPENDENT_DISTANCES = 2.0, 20.0
@@ -159,29 +159,32 @@ class SurfaceEvidence:
         cones = posed_cones(body, at.poses)
         growths = model.growths(body, at.poses, cones)
 
-        def touch(frame: int) -> tuple[tuple[np.ndarray, np.ndarray, np.ndarray], np.ndarray]:
-            pose, mine = at.poses[frame], cones[frame]
-            cone, coordinates, target, share = find_contacts(
-                model.template, self.clouds[frame], mine
-            )
-            here = place_points(mine[cone], coordinates)
-            normal = cone_normals(here, mine[cone])
+        frames, weights, rows = [], [], list[tuple[np.ndarray, np.ndarray, np.ndarray]]()
+        axes = list(zip(*world_axes(body, at.poses), strict=True))
+        for frame, (cloud, pose, mine) in enumerate(zip(self.clouds, at.poses, cones, strict=True)):
+            cone, coordinates, target, share = find_contacts(model.template, cloud, mine)
+            own = mine[cone]
+            here = place_points(own, coordinates)
+            normal = cone_normals(here, own)
             normal /= np.maximum(np.sqrt(dot(normal, normal)), 1e-9)[:, None]
-            by_pose = point_jacobian(body, pose, cone, here, normal)
+            by_pose = point_jacobian(body, pose, cone, here, normal, axes[frame])
             by_shape = surface_displacements(mine, growths[frame], cone, coordinates, normal)
-            return (dot(normal, here - target), by_pose.T, by_shape.T), share
-
-        found = map_in_threads(touch, range(len(self.clouds)))
-        rows, shares = zip(*found, strict=True)
-        frames = np.repeat(np.arange(len(rows)), [len(share) for share in shares])
-        weights = _INDEPENDENT_DISTANCES * np.concatenate(shares)
-        touching = _stack(frames, rows, weights=weights)
-        return [touching, *self._stand(body, at.poses, cones, growths)]
+            rows.append((dot(normal, here - target), by_pose.T, by_shape.T))
+            frames.append(np.full(len(cone), frame))
+            weights.append(_INDEPENDENT_DISTANCES * share)
+        touching = _stack(np.concatenate(frames), rows, weights=np.concatenate(weights))
+        return [touching, *self._stand(body, at.poses, cones, growths, axes)]
 
     def _stand(
-        self, body: BodyModel, poses: np.ndarray, cones: np.ndarray, growths: np.ndarray
+        self,
+        body: BodyModel,
+        poses: np.ndarray,
+        cones: np.ndarray,
+        growths: np.ndarray,
+        axes: Sequence[tuple[np.ndarray, np.ndarray]],
     ) -> list[Residuals]:
-        """Return the heights of the lower ankles of who stands above those of an upright body."""
+        """Return the heights of the lower ankles of who stands above those of an upright body.
+        axes: of each frame, see `world_axes`."""
         ankles = ankle_cones(body)
         standing = np.flatnonzero([cloud.on_floor for cloud in self.clouds] if ankles else [])
         rows = []
@@ -189,7 +192,7 @@ class SurfaceEvidence:
             above = {c: cones[frame, c, 6] - height for c, height in ankles.items()}
             lower = np.array([min(above, key=lambda c: above[c])])
             up, end = np.array([[0.0, 0.0, 1.0]]), cones[frame, lower, 4:7]
-            by_pose = point_jacobian(body, poses[frame], lower, end, up)
+            by_pose = point_jacobian(body, poses[frame], lower, end, up, axes[frame])
             heights = np.array([above[lower[0]]])
             rows.append((heights, by_pose.T, growths[frame, :, lower, 6]))
         sigma = _LIFTED / REACH
