@@ -188,7 +188,7 @@ class SurfaceEvidence:
         ankles = ankle_cones(body)
         standing = np.flatnonzero([cloud.on_floor for cloud in self.clouds] if ankles else [])
         rows = []
-        for frame in standing:
+        for frame in standing.tolist():
             above = {c: cones[frame, c, 6] - height for c, height in ankles.items()}
             lower = np.array([min(above, key=lambda c: above[c])])
             up, end = np.array([[0.0, 0.0, 1.0]]), cones[frame, lower, 4:7]
