@@ -8,6 +8,7 @@ from typing import Any, TypeAlias
 
 import pyopencl
 import pyopencl._cl
+import pyopencl.invoker
 
 from cl.array import Array, Commands
 from cl.errors import DeviceError, device_failure
@@ -29,6 +30,16 @@ def _load_enqueue(library: str) -> Callable[..., int] | None:
 #: host time instead of 8.2 us (H200).
 _ENQUEUE = _load_enqueue(pyopencl._cl.__file__)
 
+
+class _CodeCache(dict[Any, Any]):
+    """Keeps what pyopencl generates for each kernel in memory: it reads that from a database for
+    every `Kernel`, of which a tracker makes a thousand (0.65 s)."""
+
+    def store_if_not_present(self, key: Any, value: Any) -> None:
+        self.setdefault(key, value)
+
+
+pyopencl.invoker.invoker_cache = _CodeCache()
 
 #: Part of a frame's work, done when called: a `Launch`, or a computation by another library that
 #: the host must wait for.

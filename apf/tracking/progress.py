@@ -167,9 +167,9 @@ def show_bar(bar: Progress) -> Iterator[None]:
         yield
     except BaseException:
         bar.live.transient = True
+        bar.live.stop()  # without the empty line that `bar.stop` writes into a file
         raise
-    finally:
-        bar.stop()
+    bar.stop()
 
 
 @contextmanager

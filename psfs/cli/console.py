@@ -48,7 +48,10 @@ class _Bar(Progress):
     def stop(self) -> None:
         """Remove the bar if an error occurs before any progress."""
         self.live.transient = not any(task.completed for task in self.tasks)
-        super().stop()
+        if self.live.transient:
+            self.live.stop()  # without the empty line that `stop` writes into a file
+        else:
+            super().stop()
 
 
 def make_progress_bar(console: Console, hidden: bool) -> Progress:
