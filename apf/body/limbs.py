@@ -168,17 +168,6 @@ def limb_angles(body: BodyModel, names: Iterable[str]) -> np.ndarray:
     return found
 
 
-def swinging_bones(body: BodyModel) -> list[int]:
-    """Return the upper bone of each limb, the last of its chain that turns most freely, in the
-    body's order.
-
-    These are upper arms and thighs, without shoulder blades, hip axes and feet.
-    """
-    free = [sum(axis.kind[0] == "r" for axis in bone.axes) for bone in body.bones]
-    chains = (chain[:-1] for chain in limb_chains(body))
-    return sorted(max(chain, key=lambda bone: (free[bone], bone)) for chain in chains)
-
-
 def add_ankles(body: BodyModel) -> BodyModel:
     """Return the body with feet that turn about its ankles: each cone `foot` becomes a bone, whose
     angles are the last degrees of freedom. A body without ankles, or with such bones, is returned

@@ -33,6 +33,7 @@ class BatchReport(AbstractContextManager["BatchReport"]):
         self._lines: dict[str, TaskID] = {}
         self._done: dict[str, TakeDone] = {}
         self._failed: dict[str, TakeRow] = {}
+        self._n_kept = 0
         self._begun, self._written = time.monotonic(), 0.0
 
     def __enter__(self) -> BatchReport:
@@ -64,6 +65,7 @@ class BatchReport(AbstractContextManager["BatchReport"]):
         """Record a take that is done, or that failed with an exception."""
         if isinstance(outcome, TakeDone):
             self._done[name] = outcome
+            self._n_kept += outcome.kept
             text = "finished already" if outcome.kept else describe_done(outcome)
         else:
             text = describe(outcome)
@@ -81,9 +83,8 @@ class BatchReport(AbstractContextManager["BatchReport"]):
         words = ["takes"]
         if self._failed:
             words.append(f"{len(self._failed)} failed")
-        kept = sum(done.kept for done in self._done.values())
-        computed = len(self._done) + len(self._failed) - kept
-        left = len(self._names) - kept - computed
+        computed = len(self._done) + len(self._failed) - self._n_kept
+        left = len(self._names) - self._n_kept - computed
         if computed and left:
             seconds = (time.monotonic() - self._begun) / computed * left
             words.append(f"about {seconds / 60:.0f} min left" if seconds > 90 else "soon done")
@@ -107,8 +108,7 @@ class BatchReport(AbstractContextManager["BatchReport"]):
         self._written = time.monotonic()
 
     def _show(self) -> None:
-        kept = sum(done.kept for done in self._done.values())
-        before = f", {kept} of them before" if kept else ""
+        before = f", {self._n_kept} of them before" if self._n_kept else ""
         count = f"{len(self._done)} of {len(self._names)} takes done{before}"
         stdout.print(f"{count}: {self._out / 'index.html'}")
         for name, row in self._failed.items():
@@ -118,8 +118,7 @@ class BatchReport(AbstractContextManager["BatchReport"]):
 
 def describe_done(outcome: TakeDone) -> str:
     """Return a line on a take that was tracked: its people, frames, and what to look at."""
-    rows = [TakeRow.from_dict(row) for row in outcome.rows]
-    first = rows[0]
+    rows, first = outcome.rows, outcome.rows[0]
     lost = sum(row.lost_frames or 0 for row in rows)
     limbs = ", ".join(dict.fromkeys(row.limbs for row in rows if row.limbs))
     people = {folder for row in rows for folder in row.name.split("/")[1:] if "person" in folder}

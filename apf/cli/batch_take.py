@@ -60,7 +60,7 @@ class TakeDone:
     """The result of a take: the rows of its tracks. kept: it was finished by an earlier run.
     seconds: duration of each stage. core_seconds: CPU time of the process."""
 
-    rows: tuple[Mapping[str, object], ...]
+    rows: tuple[TakeRow, ...]
     kept: bool
     seconds: Mapping[str, float] = field(default_factory=dict)
     core_seconds: Mapping[str, float] = field(default_factory=dict)
@@ -76,7 +76,7 @@ def find_finished(job: TakeJob) -> TakeDone | None:
         same = before.is_same_take(job.record(before))
     except InputError:  # the same error is raised again, and reported, when the take is tracked
         return None
-    return TakeDone(before.rows, kept=True) if same else None
+    return TakeDone(tuple(map(TakeRow.from_dict, before.rows)), kept=True) if same else None
 
 
 def process_take(progress: TaskProgress, job: TakeJob) -> TakeDone:
@@ -124,7 +124,8 @@ def write_take(
             for row in _write_rows(job, done, errors, facts)
         )
         written = [path for path in list_files(job.out) if path.name != MANIFEST]
-        replace(record, outputs=describe_files(job.out, written), rows=rows).write(job.out)
+        outputs, values = describe_files(job.out, written), tuple(map(asdict, rows))
+        replace(record, outputs=outputs, rows=values).write(job.out)
     progress.end()
     return TakeDone(rows, False, dict(progress.seconds), dict(progress.core_seconds))
 
@@ -153,12 +154,12 @@ def _write_rows(
     done: FinishedTake,
     errors: Sequence[Evaluation | None],
     facts: Mapping[str, object],
-) -> list[dict[str, object]]:
+) -> list[TakeRow]:
     """Return the rows of the tracks of a person, one per seed, and write their thumbnails."""
     rows, take = [], done.take
     folders = seed_folders(job.request, done.folder or job.out)
     for track, error, folder in zip(take.tracks, errors, folders, strict=True):
         write_thumbnail(folder, take, track)
         name = "/".join((job.name, *folder.relative_to(job.out).parts))
-        rows.append(asdict(TakeRow.summarise(name, folder, take, track, error, **facts)))
+        rows.append(TakeRow.summarise(name, folder, take, track, error, **facts))
     return rows

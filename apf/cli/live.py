@@ -12,18 +12,16 @@ from typing import Any
 import numpy as np
 
 from apf.backend import check_renderer
-from apf.body.model import BodyModel
 from apf.cli.live_start import read_live_people, start_captures, start_replay
 from apf.evaluation.people import evaluate_people, find_followed
 from apf.evaluation.truth import load_people_truth
 from apf.filters.base import Estimate
 from apf.filters.method import Method
 from apf.formats.trc import JointSeries
-from apf.live.config import LiveConfig
 from apf.live.pace import Pace, PaceReporter
 from apf.live.send import open_senders, parse_target
 from apf.live.session import Live, LiveResult, LiveStart, list_sizes
-from apf.live.sources import Source, fitting_factor
+from apf.live.sources import fitting_factor
 from apf.live.timeline import Timeline, live_errors, summarise_seconds
 from apf.request import LiveRequest
 from apf.takes.results import RESULTS, Keeper, remove_parts, write_people
@@ -50,10 +48,9 @@ def run(request: LiveRequest) -> None:
     _check_ranges(request)
     method = request.method
     # The frames are not evenly spaced, and `Live` predicts the motion itself.
-    config = request.live
     noise = method.filter.search.noise
     if method.uses_voxels and not request.states_noise:
-        noise = config.noise
+        noise = request.live.noise
     method = method.replace(filter=method.filter.with_changes(velocity=0.0, noise=noise))
     device = select_device(request.device)
     if not isinstance(device, Device):
@@ -67,25 +64,25 @@ def run(request: LiveRequest) -> None:
     ]
     inputs = [*_list_inputs(request), *(path for path in stated if path.exists())]
     with output_folder(request.output, request.COMMAND, inputs, (*RESULTS, "take*")):
-        _live(request, method, config, device, (number, truth))
+        _live(request, method, device, number, truth)
 
 
 def _live(
     request: LiveRequest,
     method: Method,
-    config: LiveConfig,
     device: Device,
-    people: tuple[int | None, Truth | None],
+    number: int | None,
+    truth: Truth | None,
 ) -> None:
-    """Run; `people`: how many there are, None for as many as are seen, and their truth."""
-    number, truth = people
+    """Run; number: of people, None for as many as are seen."""
     if request.captures:
         source, start = start_captures(request, method, number)
     else:
         source, start = start_replay(request, method, device, number)
     grid, several = start.grid, len(start.people) > 1
     sized_by_hand = not request.chosen.isdisjoint(("n_particles", "n_layers"))
-    searches = [method] if sized_by_hand and request.budget is None else list_sizes(method, config)
+    one_size = sized_by_hand and request.budget is None
+    searches = [method] if one_size else list_sizes(method, request.live)
     follow = bool(request.captures) and request.capture.volume is None and not several
     scale = request.scale
     if scale is None:
@@ -98,7 +95,7 @@ def _live(
         budget=request.budget,
         follow=follow,
         scale=scale,
-        config=config,
+        config=request.live,
     )
     pace = Pace(
         live.expected_rate,
@@ -112,7 +109,7 @@ def _live(
     else:
         warn(f"{pace}; {pace.advice}")
     provenance = {**method.describe(), "device": device.name}
-    keep = PartKeeper(request.output, live, provenance)
+    keep = TrackKeeper(request.replace(method=method), live, provenance)
     bodies = [person.body for person in live.persons]
     with open_senders(request.send or (), bodies) as senders:
         live.listeners = [sender.send for sender in senders]
@@ -120,42 +117,16 @@ def _live(
     if not result.frames:
         raise result.error or InputError("no frame was tracked; expected at least one")
     try:
-        _write_run(request.replace(method=method), live, result, (takes, provenance, truth, scale))
+        keep.write_all(result, takes, truth)
     except InputError as error:  # such as a full disk
         if not any(keep.folder.glob("*")):  # it was full from the start
             raise
         raise InputError(f"{error}; what was tracked is in {keep.folder}") from error
-    keep.remove()
     if result.error is not None:
         if not isinstance(result.error, UserError):
             raise result.error
         where = f"{len(result.frames)} poses are in {request.output}"
         raise InputError(f"{result.error}; {where}") from result.error
-
-
-def _write_run(
-    request: LiveRequest,
-    live: Live,
-    result: LiveResult,
-    facts: tuple[list[tuple[int, int]], dict[str, Any], Truth | None, float],
-) -> None:
-    """Write and print the results of a run; facts: first and last frames of recorded takes, the
-    tracks' provenance, their truth, and the scale of the pictures."""
-    takes, provenance, truth, scale = facts
-    tracks = _make_tracks(live, result, (0, result.frames[-1]), provenance)
-    for number, take in enumerate(takes, start=1):
-        if recorded := _make_tracks(live, result, take, provenance):
-            folder = request.output / f"take{number}"
-            folder.mkdir(parents=True, exist_ok=True)
-            _write_tracks(folder, recorded)
-    write_settings(request.output, request, ["method", "live"])
-    summary = live.timeline.summary() | {"sizes": result.sizes, "scale": scale}
-    summary |= _write_tracks(request.output, tracks) | compare_with_truth(tracks, result, truth)
-    if result.sent_after:
-        summary["packet_ms"] = summarise_seconds(np.array(result.sent_after))
-    write_json(request.output / "live.json", summary)
-    live.timeline.plot(request.output / "timeline.png")
-    print_summary(summary, request.output)
 
 
 def _list_inputs(request: LiveRequest) -> list[Path]:
@@ -167,16 +138,17 @@ def _list_inputs(request: LiveRequest) -> list[Path]:
     return [path for path in read if path.exists()]
 
 
-class PartKeeper:
-    """Writes the poses that are new every second, in case the process is killed; what `Live.run`
-    reports to."""
+class TrackKeeper:
+    """Writes the results of a run: while it goes on, the poses that are new every second, in case
+    the process is killed, as what `Live.run` reports to; and all at its end."""
 
-    def __init__(self, output: Path, live: Live, provenance: dict[str, Any]) -> None:
-        several = len(live.persons) > 1
+    def __init__(self, request: LiveRequest, live: Live, provenance: dict[str, Any]) -> None:
+        output, several = request.output, len(live.persons) > 1
         numbers = range(1, len(live.persons) + 1)
         folders = [person_folder(output, k) for k in numbers] if several else [output]
         self._keepers = [Keeper([folder]) for folder in folders]
         self._folders, self._live, self._provenance = folders, live, provenance
+        self._request = request
         self._poses = [person.pose for person in live.persons]
         self._newest, self._due = -1, 0.0
 
@@ -185,7 +157,7 @@ class PartKeeper:
             return
         self._due = time.monotonic() + _APART
         newest = result.frames[len(result.latencies) - 1]
-        tracks = _make_tracks(self._live, result, (self._newest + 1, newest), self._provenance)
+        tracks = make_tracks(self._live, result, (self._newest + 1, newest), self._provenance)
         for keeper, pose, track in zip(self._keepers, self._poses, tracks, strict=False):
             keeper(track.its_body, pose, [track])
         self._newest = newest
@@ -195,17 +167,30 @@ class PartKeeper:
         """The folder of the parts, of the first of several people."""
         return (self._folders[0] / PARTS).parent
 
-    def remove(self) -> None:
-        """Remove the parts after the whole tracks are written."""
-        for folder in self._folders:
+    def write_all(
+        self, result: LiveResult, takes: list[tuple[int, int]], truth: Truth | None
+    ) -> None:
+        """Write and print the results; takes: first and last frames of recorded ones."""
+        live, output, provenance = self._live, self._request.output, self._provenance
+        for number, take in enumerate(takes, start=1):
+            if recorded := make_tracks(live, result, take, provenance):
+                folder = output / f"take{number}"
+                folder.mkdir(parents=True, exist_ok=True)
+                write_people(folder, PeopleTracks.of(*recorded))
+        write_settings(output, self._request, ["method", "live"])
+        tracks = make_tracks(live, result, (0, result.frames[-1]), provenance)
+        write_people(output, PeopleTracks.of(*tracks))
+        summary = live.timeline.summary() | {"sizes": result.sizes, "scale": live.scale}
+        summary["lost"] = sum(int(track.lost.sum()) for track in tracks)
+        summary |= {"people": len(tracks)} if len(tracks) > 1 else {}
+        summary |= compare_with_truth(tracks, result, truth)
+        if result.sent_after:
+            summary["packet_ms"] = summarise_seconds(np.array(result.sent_after))
+        write_json(output / "live.json", summary)
+        live.timeline.plot(output / "timeline.png")
+        print_summary(summary, output)
+        for folder in self._folders:  # the whole tracks are written
             remove_parts(folder)
-
-
-def _write_tracks(output: Path, tracks: list[Track]) -> dict[str, Any]:
-    """Write the files of each person's track; return facts for the summary."""
-    write_people(output, PeopleTracks.of(*tracks))
-    facts = {"lost": sum(int(track.lost.sum()) for track in tracks)}
-    return facts | ({"people": len(tracks)} if len(tracks) > 1 else {})
 
 
 def compare_with_truth(
@@ -224,7 +209,7 @@ def compare_with_truth(
 
 
 def _run(
-    request: LiveRequest, live: Live, start: LiveStart, pace: Pace, keep: PartKeeper
+    request: LiveRequest, live: Live, start: LiveStart, pace: Pace, keep: TrackKeeper
 ) -> tuple[LiveResult, list[tuple[int, int]]]:
     """Run, with its progress on the terminal and, with --studio, on a page. Return the result, and
     the first and last frames of takes that were recorded on the page."""
@@ -258,42 +243,31 @@ def _check_ranges(request: LiveRequest) -> None:
         request.refuse(["empty"], "applies only to --captures; expected them with it")
 
 
-def _make_tracks(
+def make_tracks(
     live: Live, result: LiveResult, take: tuple[int, int], provenance: dict[str, Any]
 ) -> list[Track]:
-    """Return each person's track from the first to the last frame of a take; none without poses."""
+    """Return each person's track from the first to the last frame of a take; none without poses.
+
+    Searches differ in their numbers of layers: of those of the largest, missing ones are NaN, so
+    that the parts of a track can be joined.
+    """
     known = result.frames[: len(result.latencies)]  # of a run that goes on
     rows = [row for row, frame in enumerate(known) if take[0] <= frame <= take[1]]
-    if not rows:
-        return []
     frames = [result.frames[row] for row in rows]
-    n_layers = live.most_layers
+
+    def pad(estimate: Estimate) -> Estimate:
+        layers = np.array([estimate.ess, estimate.beta, estimate.least_error])
+        missing = live.most_layers - layers.shape[1]
+        ess, beta, least = np.pad(layers, ((0, 0), (0, missing)), constant_values=np.nan)
+        return replace(estimate, ess=ess, beta=beta, least_error=least)
+
     return [
-        _track(person.body, live.source, [found[row] for row in rows], frames, provenance, n_layers)
+        build_track(
+            person.body, live.source.fps, frames, [pad(found[row]) for row in rows], provenance
+        ).judged
         for person, found in zip(live.persons, result.list_estimates(), strict=True)
+        if rows
     ]
-
-
-def _track(
-    body: BodyModel,
-    source: Source,
-    found: list[Estimate],
-    frames: list[int],
-    provenance: dict[str, Any],
-    n_layers: int,
-) -> Track:
-    """Return the track of a person. The searches differ in their numbers of layers: of `n_layers`,
-    those of the largest, missing ones are NaN, so that the parts of a track can be joined."""
-    most = max(n_layers, *(len(estimate.ess) for estimate in found))
-
-    def padded(values: np.ndarray) -> np.ndarray:
-        return np.pad(values, (0, most - len(values)), constant_values=np.nan)
-
-    estimates = [
-        replace(e, ess=padded(e.ess), beta=padded(e.beta), least_error=padded(e.least_error))
-        for e in found
-    ]
-    return build_track(body, source.fps, frames, estimates, provenance).judged
 
 
 def print_summary(summary: dict[str, Any], folder: Path) -> None:

@@ -7,16 +7,19 @@ from pathlib import Path
 import numpy as np
 
 from apf.body.kinematics import posed_joints
-from apf.evaluation.joint_names import match_joints
 from apf.evaluation.truth import load_people_truth
 from apf.filters.method import Method
-from apf.initialisation.from_joints import fit_to_joints
 from apf.live.cameras import box_around, open_cameras
 from apf.live.session import LiveStart
 from apf.live.sources import Replay, Source
 from apf.request import LiveRequest
 from apf.takes.keypoints import people_number
-from apf.takes.start import find_first_pose, load_template, read_given_start
+from apf.takes.start import (
+    find_first_pose,
+    fit_to_truth,
+    load_template,
+    read_given_start,
+)
 from apf.tracking.settings import GivenStart
 from cl import Device, InputError
 from psfs.cli.commandline import stderr, warn
@@ -185,15 +188,10 @@ def _read_starts(request: LiveRequest, frame: int, number: int | None) -> list[G
     template, _ = load_template(request.body)
     given = []
     for name, series in list(load_people_truth(path).items())[:number]:
-        rows = np.flatnonzero(series.frames == frame)
-        shown = rows.size and np.isfinite(series.joints[rows[0]]).all()
-        if not shown:
+        if np.isfinite(series.joints[series.frames == frame]).all((1, 2)).any():
+            given.append(fit_to_truth(template, series, frame))
+        else:
             warn(f"{path}: {name} has no joints in frame {frame}, and is not followed")
-            continue
-        at = match_joints(series.joint_names)
-        joints = {joint: series.joints[rows[0], column] for joint, column in at.items()}
-        body, pose, _ = fit_to_joints(template, joints)
-        given.append((body, pose))
     if not given:
         raise InputError(f"{path}: holds nobody's joints in frame {frame}; expected those of all")
     if number is not None and len(given) < number:

@@ -55,7 +55,7 @@ class PaceReporter:
     """Reports the progress of a run: `progress(result, timeline)`, as `Live.run` calls it.
 
     show: receives a line at every call, which replaces the one before. say: receives a line to
-    keep, every `every` s. One of them may be None. warn: receives one warning when the run falls
+    keep, every `EVERY` s. One of them may be None. warn: receives one warning when the run falls
     behind `wanted` poses per second; None if the user was warned before the run.
     """
 
@@ -65,19 +65,15 @@ class PaceReporter:
         show: Callable[[str], object] | None,
         say: Callable[[str], object] | None,
         warn: Callable[[str], object] | None,
-        every: float = EVERY,
-        clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self._wanted, self._show, self._say, self._warn = wanted, show, say, warn
-        self._every, self._clock = every, clock
-        self._began = self._last_line = clock()
+        self._began = self._last_line = time.monotonic()
 
     def __call__(self, result: LiveResult, timeline: Timeline) -> None:
-        now = self._clock()
-        due = now - self._last_line >= self._every
+        now = time.monotonic()
         if self._show is not None:
             self._show(describe_run(result, timeline))
-        if not due:
+        if now - self._last_line < EVERY:
             return
         self._last_line = now
         if self._say is not None:

@@ -19,7 +19,6 @@ from typing import Any
 
 import numpy as np
 
-from apf.body.kinematics import posed_joints
 from apf.body.model import BodyModel
 from apf.filters.base import Estimate
 from apf.formats.skeleton import build_skeleton
@@ -119,11 +118,10 @@ class OscSender(Sender):
 
     def send(self, pose: SentPose) -> None:
         for number, estimate in enumerate(pose.estimates, 1):
-            joints = posed_joints(estimate.body, estimate.pose[None])[0]
             at = f"/apf/person{number}"
             messages: list[tuple[Any, ...]] = [(f"{at}/lost", int(estimate.lost))]
-            names = estimate.body.joint_names
-            messages += [(f"{at}/{n}", *map(float, p)) for n, p in zip(names, joints, strict=True)]
+            pairs = zip(estimate.body.joint_names, estimate.joints, strict=True)
+            messages += [(f"{at}/{name}", *map(float, place)) for name, place in pairs]
             self._clients[0].send(_bundle(messages))
 
     def close(self) -> None:
@@ -195,24 +193,14 @@ class WebSocketSender(Sender):
         threading.Thread(target=self._server.serve_forever, daemon=True).start()
 
     def send(self, pose: SentPose) -> None:
-        people = [
-            {
-                "name": f"person{number}",
-                "lost": bool(estimate.lost),
-                "joints": dict(
-                    zip(
-                        estimate.body.joint_names,
-                        posed_joints(estimate.body, estimate.pose[None])[0].round(5).tolist(),
-                        strict=True,
-                    )
-                ),
-            }
-            for number, estimate in enumerate(pose.estimates, 1)
-        ]
+        people = []
+        for number, estimate in enumerate(pose.estimates, 1):
+            places = zip(estimate.body.joint_names, estimate.joints.round(5).tolist(), strict=True)
+            lost = bool(estimate.lost)
+            people.append({"name": f"person{number}", "lost": lost, "joints": dict(places)})
+        text = json.dumps({"frame": pose.frame, "time": round(pose.time, 6), "people": people})
         with self._news:
-            self._newest = json.dumps(
-                {"frame": pose.frame, "time": round(pose.time, 6), "people": people}
-            )
+            self._newest = text
             self._count += 1
             self._news.notify_all()
 
@@ -262,8 +250,7 @@ class LslSender(Sender):
         # the least difference of the clocks is that of the pose that came soonest
         self._offset = min(self._offset, self._clock() - pose.time)
         for outlet, estimate in zip(self._outlets, pose.estimates, strict=True):
-            joints = posed_joints(estimate.body, estimate.pose[None])[0]
-            outlet.push_sample(joints.ravel().tolist(), pose.time + self._offset)
+            outlet.push_sample(estimate.joints.ravel().tolist(), pose.time + self._offset)
 
     def close(self) -> None:
         self._outlets.clear()

@@ -185,7 +185,7 @@ class Live:
         self._config = config or LiveConfig()
         self.device = device
         self.timeline, self.result = Timeline(STAGES), LiveResult()
-        self._searches, self._budget, self._follow, self._scale = searches, budget, follow, scale
+        self._searches, self._budget, self._follow, self.scale = searches, budget, follow, scale
         #: What is called with each pose as soon as it is known, such as `Sender.send`.
         self.listeners: list[Callable[[SentPose], object]] = []
         self._overlaps = device.is_gpu
@@ -195,7 +195,7 @@ class Live:
     def _begin(self, source: Source, start: LiveStart) -> None:
         """Prepare everything for a source: at the start, and when it has lost a camera."""
         self.source, device = source, self.device
-        pictures = Smaller(source, self._scale)
+        pictures = Smaller(source, self.scale)
         rig = with_hidden_maps(pictures.rig) if len(start.people) > 1 else pictures.rig
         self._batch = Batch(device, len(start.people))
         self.persons = self._batch.run(

@@ -38,26 +38,23 @@ def judge_track(
     *,
     keypoints: Keypoints | None = None,
     doubts: Items[str] = (),
+    silhouettes: bool = True,
 ) -> Quality:
     """Return the quality of a track; measured against the silhouettes, unless it is of no frame or
     of no voxels, and against keypoints. progress: called after each frame that is compared with
-    silhouettes. doubts: see `Quality`; what people do not do is added."""
-    grid = read_tracked_grid(track)
+    silhouettes. doubts: see `Quality`; what people do not do is added. silhouettes: whether the
+    track is compared at all with what is seen, but with keypoints."""
+    grid = read_tracked_grid(track) if silhouettes else None
     found: Agreement | None = None
+    near: np.ndarray | None = None
     if grid is not None and len(track):
         found = compare_with_silhouettes(session, grid, track, progress)
-    near = compare_with_keypoints(session, track, keypoints)
+    if keypoints is not None and len(track):
+        near = measure_keypoint_agreement(track, keypoints, session.rig)
+    if not silhouettes:
+        return Quality(track, None, near, tuple(doubts))
     known = (*doubts, *(text for text in find_impossible_motion(track) if text not in doubts))
     return Quality(track, found, near, known)
-
-
-def compare_with_keypoints(
-    session: Session, track: Track, keypoints: Keypoints | None
-) -> np.ndarray | None:
-    """Return the share (F,) of the keypoints near the body; None without any."""
-    if keypoints is None or not len(track):
-        return None
-    return measure_keypoint_agreement(track, keypoints, session.rig)
 
 
 def keep_judged_frames(session: Session) -> None:

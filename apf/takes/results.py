@@ -17,7 +17,6 @@ from apf.report import OVERLAY, PAGE
 from apf.report.drawing import write_overlay
 from apf.report.judged import (
     FILES,
-    compare_with_keypoints,
     judge_track,
     write_report,
 )
@@ -171,16 +170,14 @@ def finish_take(job: TrackJob, examination: Examination, take: Take) -> list[Jud
         "warnings": warnings,
         **job.of_people,
     }
-    judgements = []
+    judgements, compared = [], whole and request.report
     for track, folder in zip(take.tracks, job.folders, strict=True):
-        compared, keypoints = whole and request.report, opened.keypoints
         if compared:
             line.begin("checking")
-            report = partial(line, "checking")
-            quality = judge_track(session, track, report, keypoints=keypoints, doubts=doubts)
-        else:
-            near = compare_with_keypoints(session, track, keypoints)
-            quality = Quality(track, None, near, doubts)
+        quality = judge_track(
+            session, track, partial(line, "checking"), keypoints=opened.keypoints, doubts=doubts,
+            silhouettes=compared,
+        )  # fmt: skip
         quality = replace(quality, seen=job.seen)
         files = write_report(folder, job.title(take.sequence.name), quality, facts, page=compared)
         judgements.append(Judgement(folder, quality, files))

@@ -15,6 +15,7 @@ from apf.body.toml import load_body
 from apf.evaluation.joint_names import match_joints
 from apf.evaluation.truth import load_truth
 from apf.formats.pose import check_pose, read_pose
+from apf.formats.trc import JointSeries
 from apf.initialisation.from_joints import fit_to_joints
 from apf.initialisation.sequence import initialise
 from apf.initialisation.start import Start, StartError
@@ -76,18 +77,19 @@ def read_given_start(
     if path.suffix.lower() not in (".npz", ".trc"):
         return model, read_pose(path, model)
     truth = load_truth(path, convention)
-    rows = np.flatnonzero(truth.frames == frame)
-    if not rows.size:
+    if frame not in truth.frames:
         raise InputError(f"{path}: no joints for frame {frame}, the first to be tracked")
-    joints = {
-        name: truth.joints[rows[0], column]
-        for name, column in match_joints(truth.joint_names).items()
-    }
     try:
-        model, pose, _ = fit_to_joints(model, joints)
+        return fit_to_truth(model, truth, frame)
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
-    return model, pose
+
+
+def fit_to_truth(template: BodyModel, truth: JointSeries, frame: int) -> GivenStart:
+    """Return the body and its pose (D,) fitted to the joints of a frame. Raises InputError."""
+    joints, columns = truth.joints[truth.frames == frame][0], match_joints(truth.joint_names)
+    body, pose, _ = fit_to_joints(template, {n: joints[column] for n, column in columns.items()})
+    return body, pose
 
 
 def find_first_pose(

@@ -170,7 +170,7 @@ def throughput(
         with closing(_done(pool, one_after_another(took / n_workers))) as without_end:
             done = list(itertools.islice(without_end, per_worker * n_workers))
             seconds = time.perf_counter() - began
-    frames = sum(row["frames"] for one in done for row in one.rows)
+    frames = sum(row.frames or 0 for one in done for row in one.rows)
     return {
         "workers": n_workers,
         "gpus": len({share.device for share in shares if not share.cores}),

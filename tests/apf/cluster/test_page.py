@@ -61,11 +61,11 @@ def test_all_takes_of_a_folder_are_shown(tmp_path: Path) -> None:
 
 
 def test_people_of_a_take_are_rows_of_one_take(tmp_path: Path) -> None:
-    rows = tuple(asdict(TakeRow(f"duo/person{k}", frames=7, took=1.5)) for k in (1, 2))
+    rows = tuple(TakeRow(f"duo/person{k}", frames=7, took=1.5) for k in (1, 2))
     for folder in ("duo", "duo/person1", "duo/person2"):
         (tmp_path / folder).mkdir()
         (tmp_path / folder / "report.html").write_text("")
-    TakeRecord("0", {}, {}, {}, rows=rows).write(tmp_path / "duo")
+    TakeRecord("0", {}, {}, {}, rows=tuple(map(asdict, rows))).write(tmp_path / "duo")
     write_index(tmp_path, {})
     text = (tmp_path / "index.html").read_text()
     assert "<p>1 done." in text
