@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from pkgutil import resolve_name
-from typing import Protocol, TypeAlias
+from typing import Any, Protocol, TypeAlias
 
 import numpy as np
 
@@ -84,12 +84,9 @@ def make_device_tracker(
             "over voxels or keypoints"
         )
     search, objective = SEARCHES[method.search], OBJECTIVES[method.objective]
-    likelihood = resolve_name(objective.likelihood)(scene, method, len(seeds or [0]))
-    settings = _search_settings(method)
-    if search.shares_launches:
-        settings["seeds"] = seeds
-    return resolve_name(search.tracker)(
-        scene, likelihood=likelihood, config=method.filter, **settings
+    more = {"seeds": seeds} if search.shares_launches else {}
+    return _build_tracker(
+        scene, method, search.tracker, objective.likelihood, len(seeds or [0]), **more
     )
 
 
@@ -110,15 +107,16 @@ def shares_launches(device: Device | NumpyDevice, method: Method) -> bool:
 def _make_numpy_tracker(scene: Scene, method: Method) -> NumpyTracker:
     check_renderer(scene.device, method)
     search, objective = SEARCHES[method.search], OBJECTIVES[method.objective]
-    likelihood = resolve_name(objective.twin)(scene, method, 1)
-    return resolve_name(search.twin)(
-        scene, likelihood=likelihood, config=method.filter, **_search_settings(method)
-    )
+    return _build_tracker(scene, method, search.twin, objective.twin, 1)
 
 
-def _search_settings(method: Method) -> dict[str, object]:
-    """Return the settings that only the search of `method` has, by name."""
-    return {name: getattr(method, name) for name in SEARCHES[method.search].settings}
+def _build_tracker(
+    scene: Scene, method: Method, tracker: str, likelihood: str, n_runs: int, **more: object
+) -> Any:
+    """Return a tracker with its likelihood, both by name, with the settings of its search."""
+    more |= {name: getattr(method, name) for name in SEARCHES[method.search].settings}
+    scored = resolve_name(likelihood)(scene, method, n_runs)
+    return resolve_name(tracker)(scene, likelihood=scored, config=method.filter, **more)
 
 
 def make_feature_extractor(

@@ -4,19 +4,11 @@ from __future__ import annotations
 
 from apf.filters.method import Method
 from apf.initialisation.config import StartConfig
-from apf.keypoints.config import AssociationConfig
 from apf.live.config import LiveConfig
-from apf.report.config import MotionConfig, QualityConfig
 from apf.synthetic.config import SceneConfig
 from apf.tracking.config import RecoveryConfig, SmoothingConfig, TriangulatedConfig
 from psfs import settings as of_psfs
-from psfs.common.config import Config, part
-
-
-class KeypointSettings(Config):
-    """Choice and comparison of keypoints."""
-
-    association: AssociationConfig = part(AssociationConfig)
+from psfs.common.config import part
 
 
 class Settings(of_psfs.Settings):
@@ -26,9 +18,6 @@ class Settings(of_psfs.Settings):
     start: StartConfig = part(StartConfig)
     recovery: RecoveryConfig = part(RecoveryConfig)
     smoothing: SmoothingConfig = part(SmoothingConfig)
-    keypoints: KeypointSettings = part(KeypointSettings)
     triangulated: TriangulatedConfig = part(TriangulatedConfig)
-    quality: QualityConfig = part(QualityConfig)
-    motion: MotionConfig = part(MotionConfig)
     live: LiveConfig = part(LiveConfig)
     synthetic: SceneConfig = part(SceneConfig)

@@ -21,7 +21,7 @@ FRUSTUM_VERTICES = (8, 18, 34, 66, 130, 258, 514)
 #: Most bones that move one vertex; smaller weights are dropped.
 MAX_BONES = 4
 #: Most parts: pictures number them in bytes, from 1.
-MAX_PARTS = 255
+MAX_PARTS = np.iinfo(np.uint8).max
 #: Vertices around a cone with rounded ends.
 _SEGMENTS = 16
 #: Limits of a user's mesh: bytes of its file, vertices, and distance from the origin, m.

@@ -9,16 +9,13 @@ import cv2
 import numpy as np
 
 from apf.backend import draw_poses
-from apf.body.mesh import BodyMesh
-from apf.body.model import BodyModel
 from apf.cli.opened_track import open_given_tracks
 from apf.image_objective.config import ObjectiveConfig
 from apf.image_objective.opengl.renderer import draw_by_opengl
 from apf.request import RenderRequest
 from apf.scene import Scene
 from apf.tracking.people import holds_people, person_folder
-from cl import Device, InputError, NumpyDevice, select_device
-from psfs.cameras.camera import CameraRig
+from cl import InputError, select_device
 from psfs.cli.commandline import progress_bar, stdout, warn
 from psfs.common.files import write_picture
 from psfs.common.outputs import OutputFolder, output_folder
@@ -63,7 +60,12 @@ def _render(request: RenderRequest, out: OutputFolder, look: ObjectiveConfig) ->
     with progress_bar() as bar:
         for row in bar.track(rows, description="rendering"):
             frame = sequence.read(int(track.frames[row]))
-            drawn = _draw(device, body, sequence.rig, track.poses[row], mesh, look.round_ends)
+            poses = track.poses[[row]]
+            if device is None:
+                drawn = draw_by_opengl(body, sequence.rig, poses, mesh)[0]
+            else:
+                scene = Scene(device, sequence.rig, None, body)
+                drawn = draw_poses(scene, poses, mesh, look.round_ends)[0]
             for view, camera in enumerate(sequence.rig):
                 width, height = camera.size
                 parts, edges = np.moveaxis(drawn[view, :height, :width], -1, 0)
@@ -78,20 +80,6 @@ def _render(request: RenderRequest, out: OutputFolder, look: ObjectiveConfig) ->
                     write_picture(request.output / kind / name, picture)
     write_settings(request.output, request)
     stdout.print(f"{len(rows)} frames x {len(sequence.rig)} cameras drawn: {request.output}")
-
-
-def _draw(
-    device: Device | NumpyDevice | None,
-    body: BodyModel,
-    rig: CameraRig,
-    pose: np.ndarray,
-    mesh: BodyMesh | None,
-    round_ends: bool,
-) -> np.ndarray:
-    """Render parts and edges (V, H, W, 2) uint8 of `pose` (D,); without a device by OpenGL."""
-    if device is None:
-        return draw_by_opengl(body, rig, pose[None], mesh)[0]
-    return draw_poses(Scene(device, rig, None, body), pose[None], mesh, round_ends)[0]
 
 
 def tint_parts(picture: np.ndarray, parts: np.ndarray, edges: np.ndarray) -> np.ndarray:

@@ -78,16 +78,9 @@ def set_up_worker() -> None:
     threads = str(len(stated or list_own_cores()))  # PoCL counts the machine's, not the process's
     for name in ("POCL_MAX_PTHREAD_COUNT", "POCL_CPU_MAX_CU_COUNT"):  # before PoCL 4, and since
         os.environ.setdefault(name, threads)
-    keep_memory()
-
-
-def keep_memory() -> None:
-    """Keep freed picture memory for the next pictures; small pieces too, where there is glibc.
-
-    Dask's workers return it at once (`MALLOC_TRIM_THRESHOLD_`), and the kernel then clears the
-    pages of every picture again. Diagnosing 120 frames of 8 cameras and tracking 10 of them took
-    1.3 million page faults and 3.2 s of a core, with kept memory 0.06 million and 0.6 s.
-    """
+    # Dask's workers return freed memory at once (`MALLOC_TRIM_THRESHOLD_`), and the kernel then
+    # clears the pages of every picture again. Diagnosing 120 frames of 8 cameras and tracking 10 of
+    # them took 1.3 million page faults and 3.2 s of a core, with kept memory 0.06 million and 0.6.
     keep_freed_memory(_KEPT_BYTES)
 
 

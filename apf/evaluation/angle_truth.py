@@ -67,15 +67,7 @@ class AngleError:
 
 
 def load_true_angles(path: str | Path) -> TrueAngles | None:
-    """Read the true angles of an npz as `load_true_segments` does; None if it has no rotations.
-    Raises InputError if it is invalid."""
-    found = load_true_segments(path)
-    return None if found is None else TrueAngles(found[0], angles_between(found[1]))
-
-
-def load_true_segments(path: str | Path) -> tuple[np.ndarray, dict[str, np.ndarray]] | None:
-    """Read frames (F,) and the world rotations (F, 3, 3) of the anatomical segments, by name as of
-    `apf.body.anatomy`, from an npz with bone_names (B,) and bone_rotations (F, B, 3, 3), each
+    """Read the true angles of an npz with bone_names (B,) and bone_rotations (F, B, 3, 3), each
     bone's rotation in the world from its rest pose, Z up, beside the joints; None if it has no
     rotations. Raises InputError if it is invalid."""
     path = Path(path)
@@ -84,7 +76,7 @@ def load_true_segments(path: str | Path) -> tuple[np.ndarray, dict[str, np.ndarr
         return None
     (series,) = truth.joints.values()
     joints, _, _ = evaluated_joints(series.joint_names, series.joints)
-    return series.frames, _true_frames(truth.rotations, joints)
+    return TrueAngles(series.frames, angles_between(_true_frames(truth.rotations, joints)))
 
 
 def _true_frames(bones: Mapping[str, np.ndarray], joints: np.ndarray) -> dict[str, np.ndarray]:

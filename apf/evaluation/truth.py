@@ -34,12 +34,11 @@ _BONES = {
 class Truth:
     """The content of an npz of true motion.
 
-    joints: of each person by name. several: whether it is of several people. rotations: (F, 3, 3)
-    by bone of one person, in the world from its rest pose; empty without any.
+    joints: of each person by name. rotations: (F, 3, 3) by bone of one person, in the world from
+    its rest pose; empty without any.
     """
 
     joints: dict[str, JointSeries]
-    several: bool
     rotations: dict[str, np.ndarray]
 
 
@@ -76,7 +75,7 @@ def read_truth(path: Path) -> Truth:
     if not several and {"bone_names", "bone_rotations"} <= set(data):
         turns = data["bone_rotations"].astype(np.float64).swapaxes(0, 1)
         rotations = dict(zip(map(str, data["bone_names"]), turns, strict=True))
-    return Truth(dict(zip(persons, series, strict=True)), several, rotations)
+    return Truth(dict(zip(persons, series, strict=True)), rotations)
 
 
 def load_truth(path: str | Path, convention: str = "y-up") -> JointSeries:

@@ -14,7 +14,6 @@ from itertools import combinations, pairwise
 
 import numpy as np
 
-from apf.keypoints.config import AssociationConfig
 from psfs.cameras.camera import CameraRig
 from psfs.cameras.triangulation import (
     TriangulationConfig,
@@ -27,6 +26,17 @@ from psfs.common.matching import find_best_path, match_pairs
 from psfs.people.following import SPEED
 from psfs.people.people import People, Person
 from psfs.voxels.grid import VoxelGrid
+
+#: Median distances, as shares of a person's size in the picture: up to which persons of different
+#: cameras are the same, and of a person in a picture from where somebody was last seen.
+_LARGEST_ERROR, _FOLLOWED = 0.06, 0.3
+#: Fewest points that persons in two cameras must share.
+_LEAST_POINTS = 5
+#: Distance, m, of the mean of a person's keypoints from the middle of somebody's voxels up to which
+#: both may be of one person.
+_FROM_VOXELS = 0.6
+#: Time, s, for which somebody must be seen to count, and is followed while not seen.
+LASTING = 0.5
 
 
 @dataclass(eq=False)
@@ -49,7 +59,6 @@ def associate_people(
     rig: CameraRig,
     fps: float,
     number: int | None = None,
-    config: AssociationConfig | None = None,
 ) -> list[np.ndarray]:
     """Return the keypoints (V, F, K, 3) of each of several people, NaN where unseen, the
     longest seen first.
@@ -57,11 +66,11 @@ def associate_people(
     points: (V, F, N, K, 3) px of N persons in each picture, in any order, with confidences; NaN
     where missing. number: the greatest number of people, if it is known.
     """
-    search = _Search(points, rig, fps, number, config or AssociationConfig())
+    search = _Search(points, rig, fps, number)
     for frame in range(points.shape[1]):
         search.step(frame)
     people = sorted(search.people, key=lambda person: len(person.chosen), reverse=True)
-    least = search.config.lasting * fps
+    least = LASTING * fps
     least = max(1, min(least, points.shape[1]))
     lasting = [person for person in people if len(person.chosen) >= least]
     return [_pick(points, person) for person in lasting[:number]]
@@ -77,17 +86,14 @@ def count_at_once(people: Sequence[np.ndarray], least: float) -> int:
     return int(of_frames[min(max(1, round(least)), len(of_frames)) - 1])
 
 
-def choose_person(
-    points: np.ndarray, rig: CameraRig | None, fps: float, config: AssociationConfig | None = None
-) -> np.ndarray:
+def choose_person(points: np.ndarray, rig: CameraRig | None, fps: float) -> np.ndarray:
     """Return the keypoints (V, F, K, 3) of one of N persons (V, F, N, K, 3): of the people whom
     cameras see alike the one with the surest and largest keypoints; without cameras, or if there is
     nobody, of each camera's own choice (Viterbi) the persons that are sure and large and move
     little."""
-    config = config or AssociationConfig()
     if points.shape[2] == 1:
         return points[:, :, 0]
-    people = [] if rig is None else associate_people(points, rig, fps, None, config)
+    people = [] if rig is None else associate_people(points, rig, fps)
     if people:
         return max(people, key=lambda own: float(_score_persons(own[:, :, None]).sum()))
     sizes, scores = person_sizes(points), _score_persons(points)
@@ -96,7 +102,7 @@ def choose_person(
         there = np.flatnonzero(score.any(-1)).tolist()
         if len(there):
             steps = [_measure_steps(points[view], sizes[view], *pair) for pair in pairwise(there)]
-            changes = np.reshape(steps, (-1, points.shape[2], points.shape[2])) / config.followed
+            changes = np.reshape(steps, (-1, points.shape[2], points.shape[2])) / _FOLLOWED
             chosen[view, there] = find_best_path(
                 np.where(score > 0, -score, np.inf)[there], changes
             )
@@ -147,24 +153,23 @@ class _Search:
         rig: CameraRig,
         fps: float,
         number: int | None,
-        config: AssociationConfig,
     ) -> None:
-        self.rig, self.fps, self.number, self.config = rig, fps, number, config
+        self.rig, self.fps, self.number = rig, fps, number
         self.straight = undistort_points(rig, points)
         self.sizes = person_sizes(self.straight)
-        self.there = np.isfinite(self.straight).all(-1).sum(-1) >= config.least_points
+        self.there = np.isfinite(self.straight).all(-1).sum(-1) >= _LEAST_POINTS
         self.people: list[_Person] = []
 
     def step(self, frame: int) -> None:
         """Assign the persons of the next frame."""
         free = self.there[:, frame].copy()
-        going = [one for one in self.people if frame - one.last <= self.config.lasting * self.fps]
+        going = [one for one in self.people if frame - one.last <= LASTING * self.fps]
         chosen = np.full((len(going), len(self.rig)), -1)
         for view in range(len(self.rig)):
             costs = np.array([self._away(one.points, view, frame) for one in going])
             if costs.size:
                 costs[:, ~free[view]] = np.inf
-            for k, n in match_pairs(costs, self.config.followed):
+            for k, n in match_pairs(costs, _FOLLOWED):
                 chosen[k, view] = n
         for one, own in zip(going, chosen, strict=True):
             found = self._locate(own, frame)
@@ -189,12 +194,12 @@ class _Search:
         found = self._triangulate(own, frame)
         for view in np.flatnonzero(own >= 0).tolist():
             away = self._away(found, view, frame)[own[view]]
-            if (own >= 0).sum() > 2 and away > self.config.largest_error:
+            if (own >= 0).sum() > 2 and away > _LARGEST_ERROR:
                 own[view] = -1
         if (own >= 0).sum() < 2:
             return None
         found = self._triangulate(own, frame)
-        enough = np.isfinite(found).all(-1).sum() >= self.config.least_points
+        enough = np.isfinite(found).all(-1).sum() >= _LEAST_POINTS
         return found if enough else None
 
     def _find_returning(self, points: np.ndarray, frame: int) -> _Person:
@@ -227,7 +232,7 @@ class _Search:
                     own = np.full(len(self.rig), -1)
                     own[[first, second]] = a, b
                     error = self._complete(own, frame, free)
-                    if ((own >= 0).sum(), -error) > rank and error < self.config.largest_error:
+                    if ((own >= 0).sum(), -error) > rank and error < _LARGEST_ERROR:
                         best, rank = own, (int((own >= 0).sum()), -error)
         return best
 
@@ -236,14 +241,14 @@ class _Search:
         distance, see `_away`."""
         pair = np.flatnonzero(own >= 0).tolist()
         found = self._triangulate(own, frame)
-        if np.isfinite(found).all(-1).sum() < self.config.least_points:
+        if np.isfinite(found).all(-1).sum() < _LEAST_POINTS:
             return np.inf
         error = max(self._away(found, view, frame)[own[view]] for view in pair)
         for view in range(len(self.rig)):
             if own[view] >= 0 or not free[view].any():
                 continue
             away = np.where(free[view], self._away(found, view, frame), np.inf)
-            if away.min() < self.config.largest_error:
+            if away.min() < _LARGEST_ERROR:
                 own[view] = away.argmin()
                 error = max(error, float(away.min()))
         return float(error)
@@ -255,7 +260,7 @@ class _Search:
         for view in np.flatnonzero(own >= 0):
             seen[view] = self.straight[view, frame, own[view]]
             sizes.append(self.sizes[view, frame, own[view]])
-        limit = 2 * self.config.largest_error * float(np.median(sizes)) if sizes else 1.0
+        limit = 2 * _LARGEST_ERROR * float(np.median(sizes)) if sizes else 1.0
         return triangulate(self.rig, seen, TriangulationConfig(max_error=max(limit, 1.0))).points
 
     def _away(self, points: np.ndarray, view: int, frame: int) -> np.ndarray:
@@ -267,29 +272,26 @@ class _Search:
         shown = np.broadcast_to(points, (count, k, 3)).reshape(-1, 3)
         off = reprojection_errors(camera, seen.reshape(1, -1, 3), shown)[0].reshape(count, k)
         known = np.isfinite(off)
-        least = self.config.least_points
+        least = _LEAST_POINTS
         median = np.array([np.median(row[fine]) if fine.sum() >= least else np.inf
                            for row, fine in zip(off, known, strict=True)])  # fmt: skip
         return np.minimum(median / self.sizes[view, frame], 1e3)
 
 
-def match_to_people(
-    points: np.ndarray, people: People, rig: CameraRig, config: AssociationConfig | None = None
-) -> list[np.ndarray]:
+def match_to_people(points: np.ndarray, people: People, rig: CameraRig) -> list[np.ndarray]:
     """Return the keypoints (V, F, K, 3) of each of `people`, NaN in frames that have none near the
     voxels.
 
     points: (N, V, F, K, 3) of each person that was associated in the pictures. In every frame they
     are given to the people whose voxels are nearest (Hungarian method), up to
-    `config.from_voxels`: an identity that was exchanged in the pictures is not exchanged here.
+    `_FROM_VOXELS`: an identity that was exchanged in the pictures is not exchanged here.
     """
-    config = config or AssociationConfig()
     matched = np.full((len(people), *points.shape[1:]), np.nan, np.float32)
     middles = np.stack([_middles(person, people.grid, points.shape[2]) for person in people])
     places = np.stack([_locate_person(one, rig) for one in points])
     apart = np.linalg.norm(places[:, None] - middles, axis=-1)
     for frame in np.flatnonzero(np.isfinite(apart).any((0, 1))):
-        for k, person in match_pairs(apart[..., frame], config.from_voxels):
+        for k, person in match_pairs(apart[..., frame], _FROM_VOXELS):
             matched[person, :, frame] = points[k, :, frame]
     return list(matched)
 

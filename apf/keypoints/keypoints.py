@@ -9,8 +9,7 @@ from typing import Literal
 
 import numpy as np
 
-from apf.keypoints.association import associate_people, count_at_once
-from apf.keypoints.config import AssociationConfig
+from apf.keypoints.association import LASTING, associate_people, count_at_once
 from apf.keypoints.opening import Cameras, match_keypoints, match_persons, read_raw
 from apf.keypoints.readers.raw import check_view
 from cl import InputError
@@ -94,7 +93,7 @@ class Keypoints:
         most = None if number == "auto" else number
         people = associate_people(points, sequence.rig, sequence.fps, most)
         if number == "auto":
-            most = count_at_once(people, AssociationConfig().lasting * sequence.fps)
+            most = count_at_once(people, LASTING * sequence.fps)
             if 0 < most < len(people):
                 people = associate_people(points, sequence.rig, sequence.fps, most)
         if not people:

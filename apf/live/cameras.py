@@ -17,7 +17,6 @@ import numpy as np
 
 from apf.body.kinematics import posed_joints
 from apf.body.model import BodyModel
-from apf.live.config import LiveConfig
 from apf.live.sources import ACQUISITION, Newest, Shot
 from apf.live.timeline import Span, Timeline
 from cl import InputError, UserError
@@ -33,8 +32,9 @@ from psfs.footage.settings import SequenceSettings
 from psfs.output.video import Video, write_video
 from psfs.sequence import DEFAULT_FPS, Frame
 
-#: Time between two attempts to read from a camera that gives no picture, s.
-_RETRY = 0.5
+#: Time between two attempts to read from a camera that gives no picture, s, and time without a new
+#: one after which it counts as gone.
+_RETRY, _PATIENCE = 0.5, 5.0
 #: Greatest size of the pictures of the empty scene that are held, bytes, unless these are so few.
 _EMPTY_BYTES, _LEAST_EMPTY = 2**29, 10
 #: Side of a box that holds a person, as a multiple of the greatest distance of the joints at rest.
@@ -53,8 +53,8 @@ class LiveCamera:
     Raises InputError if it cannot be opened.
     """
 
-    def __init__(self, name: str, config: LiveConfig | None = None) -> None:
-        self.name, self._patience = name, (config or LiveConfig()).patience
+    def __init__(self, name: str) -> None:
+        self.name = name
         self._where: int | str = int(name) if name.isdigit() else name
         self._capture = cv2.VideoCapture(self._where)
         if not self._capture.isOpened():
@@ -97,10 +97,10 @@ class LiveCamera:
             self._wanted = after + 1
             self._condition.notify_all()
             there = self._condition.wait_for(
-                lambda: self._count > after or self._ended, timeout=self._patience
+                lambda: self._count > after or self._ended, timeout=_PATIENCE
             )
             if not there:
-                raise self.lose(f"none for {self._patience:g} s after {self._count}")
+                raise self.lose(f"none for {_PATIENCE:g} s after {self._count}")
             new = self._count > after
             return self._count, self._time, self._image if new else None
 
@@ -109,7 +109,7 @@ class LiveCamera:
         self._stop.set()
         with self._condition:
             self._condition.notify_all()
-        self._thread.join(self._patience)
+        self._thread.join(_PATIENCE)
         if not self._thread.is_alive():  # else a driver hangs in it
             self._capture.release()
 
@@ -149,11 +149,11 @@ class Cameras:
 
     rig: CameraRig
 
-    def __init__(self, names: Sequence[str], config: LiveConfig | None = None) -> None:
+    def __init__(self, names: Sequence[str]) -> None:
         self.cameras: list[LiveCamera] = []
         with ExitStack() as stack:  # closes the opened ones if the next cannot be opened
             for name in names:
-                self.cameras.append(LiveCamera(name, config))
+                self.cameras.append(LiveCamera(name))
                 stack.callback(self.cameras[-1].close)
             stack.pop_all()
         self.fps = min(camera.fps for camera in self.cameras)
@@ -222,14 +222,13 @@ class LiveCameras(Cameras):
         names: Sequence[str],
         background: Background | None,
         empty: float,
-        config: LiveConfig | None = None,
     ) -> None:
         if len(names) != len(rig):
             raise InputError(
                 f"{len(names)} captures ({', '.join(names)}); expected {len(rig)}, "
                 f"for the cameras {', '.join(rig.names)}"
             )
-        super().__init__(names, config)
+        super().__init__(names)
         self.rig, self._known, self._empty = rig, background, empty
         self._whole = self  # with all cameras
         self.changed = ""
@@ -311,8 +310,8 @@ class Captures(Cameras):
     InputError if a camera cannot be opened, or sends nothing.
     """
 
-    def __init__(self, names: Sequence[str], config: LiveConfig | None = None) -> None:
-        super().__init__(names, config)
+    def __init__(self, names: Sequence[str]) -> None:
+        super().__init__(names)
         try:
             pictures = self.first_pictures()
         except UserError:

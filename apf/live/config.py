@@ -49,9 +49,6 @@ class LiveConfig(Config):
         above=0,
         below=1,
     )
-    patience: float = positive(
-        5.0, "Time without a new picture after which a camera counts as gone.", unit="s"
-    )
     #: Detection of a lost person. Far from the pose of the frame before, a few particles reach a
     #: misfit of about 0.6; only above that nothing fits.
     recovery: RecoveryConfig = part(RecoveryConfig, ratio=3.0, least=0.6)

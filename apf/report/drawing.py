@@ -25,6 +25,7 @@ from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.scaling import scale_picture
 from psfs.output.preview import crop_view
 from psfs.output.video import write_video
+from psfs.page.pictures import label_picture
 from psfs.sequence import Frame, Sequence
 
 #: RGB of a side of the body, bright enough for dark pictures and grey ones; and of what is lost.
@@ -37,7 +38,7 @@ PEOPLE = (
     (169, 149, 129), (226, 159, 197), (150, 161, 172),
 )  # fmt: skip
 _LOST = np.array(LOST, np.uint8)
-_JOINT, _RIM, _TEXT = (255, 255, 255), (25, 25, 25), (245, 245, 245)
+_JOINT, _RIM = (255, 255, 255), (25, 25, 25)
 #: The mosaic's largest width and height, px.
 MOSAIC_SIZE = (1920, 1080)
 #: Rim around the joints in a cropped picture, as a share of the larger side that they span.
@@ -134,14 +135,12 @@ def make_figures(tracks: PeopleTracks) -> list[Figure]:
     ]
 
 
-def make_still_figure(
-    body: BodyModel, pose: np.ndarray, frame: int = 0, number: int | None = None
-) -> Figure:
+def make_still_figure(body: BodyModel, pose: np.ndarray, number: int | None = None) -> Figure:
     """Return the figure of a body in a pose (D,), of one frame."""
     poses = np.asarray(pose, float)[None]
     track = Track(
         body_name=body.name, dof_names=body.dof_names, joint_names=tuple(body.joint_names),
-        fps=30.0, frames=np.array([frame]), poses=poses, joints=posed_joints(body, poses),
+        fps=30.0, frames=np.array([0]), poses=poses, joints=posed_joints(body, poses),
         edges=np.array(body.edges), body=body,
     )  # fmt: skip
     return Figure(track, number=number)
@@ -180,7 +179,7 @@ def draw_mosaic(
         away = [-float(np.linalg.norm(centre - camera.centre)) for centre in centres]
         for k in np.argsort(away):
             shown[k][0].draw(picture, camera, shown[k][1])
-        _label(picture, f"{camera.name}   frame {frame.index}{note}")
+        label_picture(picture, f"{camera.name}   frame {frame.index}{note}")
         y, x = height * (tile // columns), width * (tile % columns)
         mosaic[y : y + len(picture), x : x + picture.shape[1]] = picture
     return mosaic
@@ -307,14 +306,3 @@ def _arrangement(n: int, width: int, height: int) -> tuple[int, float]:
 
     columns = max(range(1, n + 1), key=key)
     return columns, min(1.0, key(columns)[0])
-
-
-def _label(image: np.ndarray, text: str) -> None:
-    """Draw white text on a dark strip in the upper left corner."""
-    size = max(0.4, min(image.shape[:2]) / 800)
-    font = cv2.FONT_HERSHEY_SIMPLEX
-    (width, height), below = cv2.getTextSize(text, font, size, 1)
-    pad = round(12 * size)
-    strip = image[: height + below + pad, : width + 2 * pad]
-    strip[:] = strip // 3
-    cv2.putText(image, text, (pad, height + pad // 2), font, size, _TEXT, 1, cv2.LINE_AA)

@@ -15,7 +15,6 @@ from dataclasses import replace
 import numpy as np
 
 from apf.evaluation.joint_names import match_joints
-from apf.report.config import MotionConfig
 from apf.tracking.gait import measure_gait
 from apf.tracking.track import Track
 
@@ -23,6 +22,13 @@ _GRAVITY = 9.81
 #: The factor and the power of that law; and the least Fr at which it is asked: slower people may
 #: dance.
 _STEPS, _POWER, _WALKS_ON = 0.87, 0.2, 0.5
+#: Limits of what people do, who walk, run, dance, lunge and kick: least share backward of all that
+#: is walked, in lunges 0.3; least downward acceleration of the centre of mass that nobody has, in g, 1
+#: for a point mass, in a kick, whose mass is estimated, 1.25; least steps per second that nobody
+#: takes, as a multiple of that law's, at a frame rate stated twice too high 1.5.
+_BACKWARD, _FALL, _MOST_STEPS = 0.75, 1.5, 1.25
+#: Standard deviation, s, of the filter of joints, velocities and accelerations.
+_WINDOW = 0.05
 #: Share of the body's mass of the segments between two joints, of each side (Winter 2009, table
 #: 4.1; hands are counted with forearms, feet with shanks). The rest is trunk and head.
 _LIMBS = (
@@ -37,10 +43,9 @@ _JOINTS = {"neck", "head_top"} | {
 }
 
 
-def find_impossible_motion(track: Track, config: MotionConfig | None = None) -> list[str]:
+def find_impossible_motion(track: Track) -> list[str]:
     """Return what people do not do, a line each; nothing for a body without arms, legs or head.
     Frames in which the person is lost are not judged."""
-    config = config or MotionConfig()
     columns = match_joints(track.joint_names)
     if not columns.keys() >= _JOINTS or len(track) < 3:
         return []
@@ -55,27 +60,25 @@ def find_impossible_motion(track: Track, config: MotionConfig | None = None) -> 
         return []
     leg = 0.5 * float(np.nansum(np.nanmedian(legs, axis=1)))
     lines = [
-        _find_backward_walk(track, points, leg, config),
-        _find_fast_fall(track, points, config),
+        _find_backward_walk(track, points, leg),
+        _find_fast_fall(track, points),
     ]
     if not lines[1]:
-        lines.append(_find_fast_steps(track, joints, leg, config))
+        lines.append(_find_fast_steps(track, joints, leg))
     return [text for text in lines if text]
 
 
-def _find_backward_walk(
-    track: Track, points: dict[str, np.ndarray], leg: float, config: MotionConfig
-) -> str | None:
+def _find_backward_walk(track: Track, points: dict[str, np.ndarray], leg: float) -> str | None:
     """Return a line if most of the path leads backward, by more than a leg's length."""
     pelvis = 0.5 * (points["l_hip"] + points["r_hip"])
-    velocity = _smooth_derivative(pelvis, track.times, config.window, 1)[:, :2]
+    velocity = _smooth_derivative(pelvis, track.times, _WINDOW, 1)[:, :2]
     ahead = np.cross(points["l_hip"] - points["r_hip"], [0.0, 0.0, 1.0])[:, :2]
     ahead /= np.maximum(np.linalg.norm(ahead, axis=1), 1e-9)[:, None]
     seconds = np.gradient(track.times)
     along = np.nan_to_num(np.einsum("fa,fa->f", velocity, ahead)) * seconds
     backward = float(-along[along < 0].sum())
     total = float(np.nansum(np.linalg.norm(velocity, axis=1) * seconds))
-    if backward < max(leg, config.backward * total):
+    if backward < max(leg, _BACKWARD * total):
         return None
     return (
         f"the person walks backward ({backward:.1f} m of {total:.1f} m); expected somebody who "
@@ -83,9 +86,7 @@ def _find_backward_walk(
     )
 
 
-def _find_fast_fall(
-    track: Track, points: dict[str, np.ndarray], config: MotionConfig
-) -> str | None:
+def _find_fast_fall(track: Track, points: dict[str, np.ndarray]) -> str | None:
     """Return a line if the centre of mass accelerates downward by more than gravity in one frame of
     twenty."""
     trunk = 0.5 * (points["neck"] + 0.5 * (points["l_hip"] + points["r_hip"]))
@@ -93,12 +94,12 @@ def _find_fast_fall(
     for first, last, share in _LIMBS:
         for side in "lr":
             mass = mass + share * 0.5 * (points[f"{side}_{first}"] + points[f"{side}_{last}"])
-    fall = -_smooth_derivative(mass, track.times, config.window, 2)[:, 2]
+    fall = -_smooth_derivative(mass, track.times, _WINDOW, 2)[:, 2]
     known = fall[np.isfinite(fall)]
     if len(known) < 60:  # three frames: a single frame's jump is no fall
         return None
     greatest = float(np.quantile(known, 0.95))
-    if greatest < config.fall * _GRAVITY:
+    if greatest < _FALL * _GRAVITY:
         return None
     return (
         f"the body accelerates downward by {greatest / _GRAVITY:.1f} times gravity; expected at "
@@ -106,12 +107,10 @@ def _find_fast_fall(
     )
 
 
-def _find_fast_steps(
-    track: Track, joints: np.ndarray, leg: float, config: MotionConfig
-) -> str | None:
+def _find_fast_steps(track: Track, joints: np.ndarray, leg: float) -> str | None:
     """Return a line if the steps are faster than legs of this length, m, swing at this speed."""
     filtered = [
-        _smooth_derivative(points, track.times, 0.5 * config.window, 0)
+        _smooth_derivative(points, track.times, 0.5 * _WINDOW, 0)
         for points in joints.swapaxes(0, 1)
     ]
     if not np.isfinite(filtered).all():  # hardly any frame is known
@@ -120,7 +119,7 @@ def _find_fast_steps(
     if gait is None:
         return None
     froude, steps = gait.speed**2 / (_GRAVITY * leg), gait.cadence / 60
-    most = config.steps * _STEPS * froude**_POWER * np.sqrt(_GRAVITY / leg)
+    most = _MOST_STEPS * _STEPS * froude**_POWER * np.sqrt(_GRAVITY / leg)
     if froude < _WALKS_ON or steps < most:
         return None
     return (

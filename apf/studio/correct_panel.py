@@ -121,17 +121,22 @@ class CorrectPanel:
             self.correct(self._handle.wanted)
             self._remove_handle()
             return
-        opened, frame = self._watch.opened, self._watch.frame
-        row = next(iter(opened.figures.values())).rows.get(frame)
+        row = self._find_row(self._watch)
         if row is None:
-            self._say(f"frame {frame} was not tracked; expected one that was")
             return
         self._watch.time_line.seek(self._watch.time_line.position)  # pause
         if self.way.value == _POINT:
-            self._rays, self._clicked = {}, frame
+            self._rays, self._clicked = {}, self._watch.frame
             self._tell_pointing("")
             return
-        self._add_handle(opened.track, row)
+        self._add_handle(self._watch.opened.track, row)
+
+    def _find_row(self, watch: TrackWatch) -> int | None:
+        """Return the track's row of the frame that is shown; say so if it was not tracked."""
+        row = next(iter(watch.opened.figures.values())).rows.get(watch.frame)
+        if row is None:
+            self._say(f"frame {watch.frame} was not tracked; expected one that was")
+        return row
 
     def _add_handle(self, track: Track, row: int) -> None:
         """Show a handle at the chosen joint."""
@@ -158,9 +163,8 @@ class CorrectPanel:
             return
         opened, frame, sequence = self._watch.opened, self._watch.frame, self._watch.opened.sequence
         assert sequence is not None
-        row = next(iter(opened.figures.values())).rows.get(frame)
+        row = self._find_row(self._watch)
         if row is None:
-            self._say(f"frame {frame} was not tracked; expected one that was")
             return
         if frame != self._clicked:  # the joint is elsewhere in each frame: start again
             self._remove_handle()

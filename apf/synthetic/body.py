@@ -132,13 +132,10 @@ def make_person() -> list[Primitive]:
 
 
 class PersonSurface:
-    """A person's primitives, to be posed by a skeleton's motion; by default those of
-    `make_person`."""
+    """A person's primitives, to be posed by a skeleton's motion."""
 
-    def __init__(
-        self, skeleton: SyntheticSkeleton, primitives: list[Primitive] | None = None
-    ) -> None:
-        self.primitives = primitives or make_person()
+    def __init__(self, skeleton: SyntheticSkeleton) -> None:
+        self.primitives = make_person()
         self._bones = np.array([skeleton.index(p.bone) for p in self.primitives])
         scale = skeleton.height / TABLE_HEIGHT
         self._a = scale * np.array([p.a for p in self.primitives], np.float64)

@@ -11,7 +11,7 @@ import numpy as np
 #: Stands where the particle's number would: a draw for the whole set.
 WHOLE_SET = 0xFFFFFFFF
 
-_MASK = np.uint64(0xFFFFFFFF)
+_MASK = np.uint64(WHOLE_SET)
 _SHIFT = np.uint64(32)
 
 
