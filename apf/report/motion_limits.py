@@ -23,9 +23,9 @@ _GRAVITY = 9.81
 #: dance.
 _STEPS, _POWER, _WALKS_ON = 0.87, 0.2, 0.5
 #: Limits of what people do, who walk, run, dance, lunge and kick: least share backward of all that
-#: is walked, in lunges 0.3; least downward acceleration of the centre of mass that nobody has, in g, 1
-#: for a point mass, in a kick, whose mass is estimated, 1.25; least steps per second that nobody
-#: takes, as a multiple of that law's, at a frame rate stated twice too high 1.5.
+#: is walked, in lunges 0.3; least downward acceleration of the centre of mass that nobody has, in
+#: g, 1 for a point mass, in a kick, whose mass is estimated, 1.25; least steps per second that
+#: nobody takes, as a multiple of that law's, at a frame rate stated twice too high 1.5.
 _BACKWARD, _FALL, _MOST_STEPS = 0.75, 1.5, 1.25
 #: Standard deviation, s, of the filter of joints, velocities and accelerations.
 _WINDOW = 0.05
