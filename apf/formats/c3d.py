@@ -22,9 +22,9 @@ from cl import InputError
 from psfs.common.c3d import read_c3d_points
 from psfs.common.files import temporary_folder, write_atomically
 
-#: The format's header counts frames in 16 bits; ezc3d drops those that follow. A parameter has at
+#: The header counts frames in 16 bits, in which py-c3d adds 1 to the last one. A parameter has at
 #: most so many texts; ezc3d writes a file of more labels or events that it cannot read.
-_MOST_FRAMES, _MOST_TEXTS = 65535, 255
+_MOST_FRAMES, _MOST_TEXTS = 65534, 255
 
 
 @dataclass(frozen=True)
@@ -69,8 +69,8 @@ def write_c3d(
 ) -> tuple[Path, ...]:
     """Write points and events; return the files.
 
-    The format counts 65535 frames and 255 points. Those that follow go into files beside `path`,
-    `<name>_frame65535`, `<name>_point255`, named by the frame of the sequence that they call 0 and
+    A file has at most 65534 frames and 255 points. Those that follow go into files beside `path`,
+    `<name>_frame65534`, `<name>_point255`, named by the frame of the sequence that they call 0 and
     by their first point. A file has its first 255 events. Raises InputError for no frame and if a
     file cannot be written.
     """

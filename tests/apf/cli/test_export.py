@@ -44,7 +44,7 @@ def test_a_c3d_of_more_frames_than_it_counts(tmp_path: Path) -> None:
     track.save(tmp_path / "track.npz")
     assert main(["export", str(tmp_path), "--raw"]) == 0
     names = {path.name for path in tmp_path.iterdir()}
-    assert names == {"track.npz", "manifest.txt", "motion_frame65535.c3d", *EXPORTS.values()}
+    assert names == {"track.npz", "manifest.txt", "motion_frame65534.c3d", *EXPORTS.values()}
     times = read_trc(tmp_path / "motion.trc").times
     assert len(times) == 150 and times[0] == pytest.approx(65500 / track.fps)
 

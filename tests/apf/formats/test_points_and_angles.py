@@ -82,7 +82,7 @@ def test_c3d_of_a_long_walk_is_whole(tmp_path: Path) -> None:
 
 
 def test_c3d_goes_on_in_a_file_beside_it(tmp_path: Path) -> None:
-    most = 65535
+    most = 65534
     points = np.zeros((most + 9, 1, 3))
     points[:, 0, 0] = np.linspace(0, 1, most + 9)
     series = JointSeries(("a",), points, 100.0, np.arange(most + 9))
