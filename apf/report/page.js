@@ -328,19 +328,20 @@ function area(one, color) {
 }
 
 /** Left and right of an angle share a colour; left is dashed. */
-function angles(number, group) {
-  const names = [...new Set(group.curves.map((one) => one.name))];
-  const areas = group.curves.map((one) => area(one, COLOURS[names.indexOf(one.name) % COLOURS.length]));
-  chart(`angles${number}`, areas.concat(group.curves.map((one) => curve(page.frames, one.values,
+function angles(number, curves) {
+  const names = [...new Set(curves.map((one) => one.name))];
+  const areas = curves.map((one) => area(one, COLOURS[names.indexOf(one.name) % COLOURS.length]));
+  chart(`angles${number}`, areas.concat(curves.map((one) => curve(page.frames, one.values,
     one.side === "middle" ? one.name : `${one.side} ${one.name}`, names.indexOf(one.name),
     one.side === "left" ? { line: { color: COLOURS[names.indexOf(one.name) % COLOURS.length],
       width: 1.6, dash: "dash" } } : {}))), layout("degrees", { showlegend: true }));
 }
-section(page.angles?.length && page.angles, ["angles-section"], (groups) => {
+section(Object.keys(page.angles ?? {}).length && page.angles, ["angles-section"], (groups) => {
+  const names = Object.keys(groups);
   document.querySelectorAll("#angles-section select").forEach((choice, number) => {
-    for (const group of groups) element("option", group.name, choice);
-    choice.onchange = () => angles(number, groups[choice.selectedIndex]);
-    choice.selectedIndex = Math.min(number, groups.length - 1);
+    for (const name of names) element("option", name, choice);
+    choice.onchange = () => angles(number, groups[choice.value]);
+    choice.selectedIndex = Math.min(number, names.length - 1);
     choice.onchange();
   });
 });

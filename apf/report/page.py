@@ -137,9 +137,9 @@ def _describe_person(folder: Path, tracks: PeopleTracks, number: int) -> dict[st
     }
 
 
-def angle_curves(track: Track) -> list[dict[str, Any]]:
-    """Return the joints' angles, degrees, NaN where lost, in groups of curves (name, side, values
-    (F,), band (F,)), those of the legs first.
+def angle_curves(track: Track) -> dict[str, list[dict[str, Any]]]:
+    """Return the curves of each joint's angles, degrees, None where lost (name, side, values (F,),
+    band (F,)), those of the legs first.
 
     They are clinical angles, see `apf.body.angles`, or the body's own if it has none. band: see
     `angle_bands`; None where unknown.
@@ -161,7 +161,7 @@ def angle_curves(track: Track) -> list[dict[str, Any]]:
                     curve = {"name": f"about {axis.kind[1]}", "side": "middle", "values": known}
                     groups[plain_name(bone.name)].append(curve | {"band": _round(unknown, 1)})
     first = [joint for joint in _FIRST_JOINTS if joint in groups]
-    return [{"name": name, "curves": groups[name]} for name in dict.fromkeys((*first, *groups))]
+    return {name: groups[name] for name in (*first, *groups)}
 
 
 def _round(values: np.ndarray, digits: int) -> list[float | None]:

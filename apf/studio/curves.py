@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import html
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -32,18 +32,13 @@ _BUTTONS = ["zoom", "pan", "zoomin", "zoomout", "autoscale", "resetscale", "toim
 _MARGIN = {"l": 42, "r": 8, "t": 28, "b": 34}
 
 
-def angle_groups(track: Track) -> dict[str, list[dict[str, Any]]]:
-    """Return the curves of each joint by its name, see `angle_curves`."""
-    return {group["name"]: group["curves"] for group in angle_curves(track)}
-
-
 def draw_angles(track: Track, name: str) -> go.Figure:
     """Return the figure of one joint's angles, degrees, by frame, with the area in which they
     lie."""
     import plotly.graph_objects as go  # slow to import
 
     figure = go.Figure()
-    for curve in angle_groups(track)[name]:
+    for curve in angle_curves(track)[name]:
         label = f"{curve['side']} {curve['name']}".removeprefix("middle ")
         line, values = _LINES[curve["side"]], np.array(curve["values"], float)
         half = np.array(curve["band"], float)

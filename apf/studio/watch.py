@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from apf.body.limbs import limb_names
+from apf.report.page import angle_curves
 from apf.studio.body_nodes import BodyNodes
-from apf.studio.curves import angle_groups, draw_angles, draw_confidence
+from apf.studio.curves import draw_angles, draw_confidence
 from apf.studio.opened import OpenedTracks
 from psfs.page.pictures import shrink_picture
 from psfs.page.watch import Watch
@@ -58,7 +59,7 @@ class TrackWatch(Watch):
             lambda event: setattr(confidence, "figure", draw_confidence(tracks[person.value]))
         )
         self._parts += [person, confidence]
-        if names := list(angle_groups(tracks[first])):
+        if names := list(angle_curves(tracks[first])):
             chosen = gui.add_dropdown("angles", names, initial_value=names[0])
             curves = gui.add_plotly(draw_angles(tracks[first], names[0]), aspect=1.1)
 
