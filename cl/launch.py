@@ -39,7 +39,7 @@ class _CodeCache(dict[Any, Any]):
         self.setdefault(key, value)
 
 
-pyopencl.invoker.invoker_cache = _CodeCache()
+pyopencl.invoker.invoker_cache = _CodeCache()  # type: ignore[assignment]
 
 #: Part of a frame's work, done when called: a `Launch`, or a computation by another library that
 #: the host must wait for.
