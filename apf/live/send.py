@@ -11,11 +11,10 @@ from __future__ import annotations
 import json
 import socket
 import threading
-from abc import ABC, abstractmethod
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -63,17 +62,12 @@ def parse_target(text: str) -> Target:
     return Target(kind, host, int(port))
 
 
-class Sender(ABC):
-    """Sends poses of people with these bodies to one target."""
+class Sender(Protocol):
+    """Sends poses of people, whose bodies it was made with, to one target."""
 
-    def __init__(self, target: Target, bodies: Sequence[BodyModel]) -> None:
-        self.bodies = bodies
-
-    @abstractmethod
     def send(self, pose: SentPose) -> None:
         """Send a pose; raises OSError."""
 
-    @abstractmethod
     def close(self) -> None:
         """Free what it holds."""
 
@@ -82,12 +76,14 @@ class Sender(ABC):
 def open_senders(texts: Sequence[str], bodies: Sequence[BodyModel]) -> Iterator[list[Sender]]:
     """Yield what sends to the targets that `texts` name. Raises InputError if a package is missing,
     or an address cannot be used."""
-    kinds = {"vmc": VmcSender, "osc": OscSender, "websocket": WebSocketSender, "lsl": LslSender}
+    kinds: dict[str, Callable[[Target, Sequence[BodyModel]], Sender]] = {
+        "vmc": VmcSender, "osc": OscSender, "websocket": WebSocketSender, "lsl": LslSender,
+    }  # fmt: skip
     with ExitStack() as stack:
         senders: list[Sender] = []
         for target in map(parse_target, texts):
             try:
-                sender: Sender = kinds[target.kind](target, bodies)  # type: ignore[abstract]
+                sender = kinds[target.kind](target, bodies)
             except ImportError as error:
                 raise InputError(
                     f"--send {target.kind} needs {error.name}, which is not installed; expected: "
@@ -103,18 +99,14 @@ def open_senders(texts: Sequence[str], bodies: Sequence[BodyModel]) -> Iterator[
         yield senders
 
 
-class OscSender(Sender):
+class OscSender:
     """Messages /apf/personN/lost i, then /apf/personN/JOINT x y z, a bundle a frame."""
 
     def __init__(self, target: Target, bodies: Sequence[BodyModel]) -> None:
-        super().__init__(target, bodies)
         from pythonosc.udp_client import UDPClient
 
         socket.getaddrinfo(target.host, target.port)  # raises OSError for an unknown host
-        self._clients = [UDPClient(target.host, target.port + k) for k in self._list_ports()]
-
-    def _list_ports(self) -> range:
-        return range(1)
+        self._clients = [UDPClient(target.host, target.port + k) for k in range(len(bodies))]
 
     def send(self, pose: SentPose) -> None:
         for number, estimate in enumerate(pose.estimates, 1):
@@ -135,9 +127,6 @@ class VmcSender(OscSender):
     def __init__(self, target: Target, bodies: Sequence[BodyModel]) -> None:
         super().__init__(target, bodies)
         self._skeletons = [build_skeleton(body) for body in bodies]
-
-    def _list_ports(self) -> range:
-        return range(len(self.bodies))
 
     def send(self, pose: SentPose) -> None:
         from scipy.spatial.transform import Rotation  # takes a while to load
@@ -179,12 +168,11 @@ def _bundle(messages: Sequence[tuple[Any, ...]]) -> Any:
     return bundle.build()
 
 
-class WebSocketSender(Sender):
+class WebSocketSender:
     """A server that sends each page the newest frame as JSON: frame, time, and people with name,
     lost, and joints by name."""
 
     def __init__(self, target: Target, bodies: Sequence[BodyModel]) -> None:
-        super().__init__(target, bodies)
         from websockets.sync.server import serve
 
         self._news = threading.Condition()
@@ -227,11 +215,10 @@ class WebSocketSender(Sender):
             self._server.shutdown()
 
 
-class LslSender(Sender):
+class LslSender:
     """A stream for each person: x, y and z of each joint, m, at the time of its picture."""
 
     def __init__(self, target: Target, bodies: Sequence[BodyModel]) -> None:
-        super().__init__(target, bodies)
         import pylsl
 
         self._clock, self._offset = pylsl.local_clock, np.inf
