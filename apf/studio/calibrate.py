@@ -15,7 +15,6 @@ from apf.studio.found_target import FoundTarget
 from apf.studio.target_fields import PERSON, TargetFields
 from apf.studio.work import Work, WorkSlot, free_folder
 from cl import UserError
-from psfs.calibration.report import Coverage
 from psfs.calibration.targets.detection import (
     find_sightings,
     median_pictures,
@@ -55,8 +54,8 @@ class CalibrateView:
     ) -> None:
         self.views = open_uncalibrated(folder, SequenceSettings())
         self._server, self._results, self._known, self._use = server, results, dict(known), use
-        self._found = FoundTarget(self.views.rig)
-        self._slot = WorkSlot()
+        self.found = FoundTarget(self.views.rig)
+        self.slot = WorkSlot()
         self._stopped = threading.Event()
         self._worker: threading.Thread | None = None
         self._notes: list[tuple[str, object]] = []
@@ -70,25 +69,10 @@ class CalibrateView:
             self._add_controls(server.gui)
         self.time_line.refresh()
 
-    @property
-    def work(self) -> Work | None:
-        """The calibration that was started last."""
-        return self._slot.work
-
-    @property
-    def coverage(self) -> list[Coverage]:
-        """The coverage of each camera so far."""
-        return self._found.coverage
-
-    @property
-    def words(self) -> str:
-        """The words on what is found and what is missing, HTML."""
-        return str(self._words.content)
-
     def _add_controls(self, gui: viser.GuiApi) -> None:
         self._status = gui.add_html("")
         self.time_line = TimeLine(gui, np.arange(len(self.views)), self.views.fps, self._show)
-        self._words = gui.add_html("")
+        self.words: Any = gui.add_html("")
         with gui.add_folder("use known cameras", visible=bool(self._known)) as self._use_folder:
             self.cameras: Any = gui.add_dropdown(
                 "calibration", (_NONE, *self._known), initial_value=_NONE
@@ -114,7 +98,7 @@ class CalibrateView:
         self.target.kind.on_update(lambda event: self._show_fields())
         key = add_key(gui, "Look for the board or wand", "F", self.search)
         self._parts: list[Any] = [
-            self._status, self._picture, self._use_folder, calibrate, self._words, key,
+            self._status, self._picture, self._use_folder, calibrate, self.words, key,
         ]  # fmt: skip
         self._show_fields()
 
@@ -132,7 +116,7 @@ class CalibrateView:
         """Wait until what was started has ended, at most so long."""
         if self._worker is not None:
             self._worker.join(timeout=seconds)
-        self._slot.wait(seconds)
+        self.slot.wait(seconds)
 
     def search(self) -> None:
         """Look for the target in all pictures, or in evenly spread ones of long footage."""
@@ -158,13 +142,13 @@ class CalibrateView:
                 seconds = time.monotonic() - began
                 self._tell(f"calibrating: {seconds:.0f} s; it may take minutes")
 
-            self._slot.start(request, 0, tell, self._show_found)
+            self.slot.start(request, 0, tell, self._show_found)
         except UserError as error:
             self._say(error)
 
     def close(self) -> None:
         """End all work in the background, and remove everything from the page."""
-        self._slot.close()
+        self.slot.close()
         self._stop_search()
         self.time_line.close()
         self._reader.close()
@@ -183,11 +167,11 @@ class CalibrateView:
         self._notes = []
         try:
             finder = self.target.make_finder(lambda: median_pictures(self.views, chosen))
-            self._found.restart(finder.target.name)
+            self.found.restart(finder.target.name)
             for number, found in enumerate(find_sightings(self.views, chosen, [finder]), 1):
                 if stopped.is_set():
                     return
-                self._found.add(found)
+                self.found.add(found)
                 self._tell(f"looking: {number} of {len(chosen)} frames")
                 if found:
                     self._reader.ask(found[0].frame)
@@ -216,13 +200,13 @@ class CalibrateView:
 
     def _show_pictures(self, frame: Frame) -> None:
         pictures = small_pictures(frame, self.views.rig)
-        self._found.mark(pictures, frame.index)
+        self.found.mark(pictures, frame.index)
         self._picture.image = mosaic(pictures)
 
     def _tell(self, doing: str) -> None:
         """Say what is done, found and missing."""
-        found = self._found.describe(self.target.lenses_known)
-        self._words.content = make_text(doing) + found + make_lines(self._notes)
+        found = self.found.describe(self.target.lenses_known)
+        self.words.content = make_text(doing) + found + make_lines(self._notes)
 
     def _say(self, error: object) -> None:
         self._notes = [("warning", error)]

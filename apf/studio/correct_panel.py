@@ -26,7 +26,6 @@ from cl import InputError, UserError
 from psfs.common.requests import SETTINGS, Stated, read_flags, split_tables
 from psfs.common.toml import read_toml
 from psfs.page.look_through import crosses, locate_point
-from psfs.page.nodes import to_quaternion
 from psfs.page.server import read_choice
 from psfs.page.timeline import add_key
 from psfs.page.words import make_lines, make_text
@@ -76,7 +75,7 @@ class CorrectPanel:
         self.bad = gui.add_button("mark this frame as bad", hint="key: B", disabled=True)
         self.undo = gui.add_button("take back the last one", disabled=True)
         self.again = gui.add_button("track again", disabled=True)
-        self._list = gui.add_html("")
+        self.list: Any = gui.add_html("")
         self.place.on_click(lambda event: self.toggle_handle())
         self.cancel.on_click(lambda event: self._remove_handle())
         self.bad.on_click(lambda event: self.mark_bad())
@@ -84,11 +83,6 @@ class CorrectPanel:
         self.again.on_click(lambda event: self.track_again())
         add_key(gui, "Put a joint right", "C", self.toggle_handle)
         add_key(gui, "Mark frame as bad", "B", self.mark_bad)
-
-    @property
-    def list(self) -> str:
-        """The corrections so far, HTML."""
-        return str(self._list.content)
 
     def offer(self, watch: TrackWatch | None) -> None:
         """Offer to correct what is watched; None offers nothing."""
@@ -252,7 +246,7 @@ class CorrectPanel:
         found = self.corrections
         lines = found.describe() if found is not None else []
         self.undo.disabled = self.again.disabled = not lines
-        self._list.content = make_lines(("note", line) for line in lines)
+        self.list.content = make_lines(("note", line) for line in lines)
 
 
 def _repeat_request(opened: OpenedTracks, corrections: Path) -> TrackRequest:
@@ -288,7 +282,7 @@ class JointHandle:
         turns: bool,
         moved: Callable[[], None],
     ) -> None:
-        self.frame, self.turns = int(track.frames[row]), turns
+        self.frame = int(track.frames[row])
         names, places = track.joint_names, track.joints[row]
         number = names.index(joint)
         at = number
@@ -322,10 +316,6 @@ class JointHandle:
     def move(self, position: np.ndarray) -> None:
         """Move the joint to a place (3,) m."""
         self._node.position = position
-
-    def turn(self, rotation: np.ndarray) -> None:
-        """Turn the limb by a rotation (3, 3) from where it was tracked."""
-        self._node.wxyz = to_quaternion(rotation)
 
     def remove(self) -> None:
         """Remove the handle from the view."""

@@ -80,7 +80,7 @@ class FilmView:
         self._pool = ThreadPoolExecutor(len(captures.rig))
         panel, beside = panels
         with beside:
-            self._words = server.gui.add_html("")
+            self.words: Any = server.gui.add_html("")
         with panel:
             self._add_controls(server.gui)
         self._closed = threading.Event()
@@ -112,14 +112,9 @@ class FilmView:
             add_key(gui, "Begin or end a recording", "R", self.press_record),
         ]
         self._parts: list[Any] = [
-            heading, self.mode, self.empty_button, self.cameras, self.record_button, self._words,
+            heading, self.mode, self.empty_button, self.cameras, self.record_button, self.words,
             target, *keys,
         ]  # fmt: skip
-
-    @property
-    def words(self) -> str:
-        """The words on what is found and what is missing, HTML."""
-        return str(self._words.content)
 
     def learn_empty(self) -> None:
         """Learn the empty room from the next pictures."""
@@ -159,7 +154,7 @@ class FilmView:
             ]
         named = zip(pictures, self._captures.rig.names, strict=True)
         fill_view(self._server, mosaic([label_picture(picture, name) for picture, name in named]))
-        self._words.content = make_lines([self._describe()]) + self._list_found()
+        self.words.content = make_lines([self._describe()]) + self._list_found()
 
     def close(self) -> None:
         """End a recording and all work, and remove everything from the page; the cameras go on."""
@@ -180,7 +175,7 @@ class FilmView:
             if frame is None:
                 if self._captures.ended:
                     self._note = "warning", self._captures.ended
-                    self._words.content = make_lines([self._describe()]) + self._list_found()
+                    self.words.content = make_lines([self._describe()]) + self._list_found()
                     return
                 continue
             shown = frame.index

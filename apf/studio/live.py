@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
@@ -41,7 +42,7 @@ class LivePage(BrowserPage):
         self._run: tuple[LiveResult, Timeline] | None = None
         self._ended = threading.Event()
         gui, scene = self.server.gui, self.server.scene
-        self._status = gui.add_html(make_text("Waiting for the first pose."))
+        self.status: Any = gui.add_html(make_text("Waiting for the first pose."))
         self._button = gui.add_button("end the run", hint="key: X; what is tracked is kept")
         self._record = gui.add_button(
             _BEGIN, hint="key: R; a take of its own, in a folder take1, ..."
@@ -73,11 +74,6 @@ class LivePage(BrowserPage):
         scene.set_up_direction("+z")
         self._thread = threading.Thread(target=self._work, daemon=True, name="live page")
         self._thread.start()
-
-    @property
-    def status(self) -> str:
-        """The words about the run, HTML."""
-        return str(self._status.content)
 
     def __call__(self, result: LiveResult, timeline: Timeline) -> None:
         """Show the newest pose of a run from now on; tracking does not wait for it."""
@@ -135,4 +131,4 @@ class LivePage(BrowserPage):
             kind, words = "warning", "the person is lost"
             if len(newest) > 1:
                 words = f"{n_lost} of {len(newest)} people are lost"
-        self._status.content = make_lines([(kind, words), ("note", describe_run(result, timeline))])
+        self.status.content = make_lines([(kind, words), ("note", describe_run(result, timeline))])

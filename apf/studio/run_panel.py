@@ -73,11 +73,6 @@ class RunPanel:
         """The run that was started last."""
         return self._slot.work
 
-    @property
-    def status(self) -> str:
-        """The words about the run, HTML."""
-        return str(self._status.content)
-
     def offer(
         self,
         sequence: Sequence | None,

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from apf.body.mesh import BodyMesh
 from apf.body.posing import Kinematics
 from apf.image_objective.config import OBJECTIVE_KINDS, ObjectiveConfig
 from apf.image_objective.opengl.context import Compute
@@ -34,13 +33,11 @@ class OpenGLObjective(Likelihood):
         scene: Scene,
         n_hypotheses: int,
         config: ObjectiveConfig | None = None,
-        mesh: BodyMesh | None = None,
     ) -> None:
         device, body, rig = scene.opencl, scene.body, scene.rig
         self.device, self.rig, self.n_hypotheses = device, rig, n_hypotheses
         self.config = config = config or ObjectiveConfig()
-        mesh = mesh or config.mesh(body)
-        self.renderer = OpenGLRenderer(body, rig, n_hypotheses, mesh)
+        self.renderer = OpenGLRenderer(body, rig, n_hypotheses, config.mesh(body))
         self.kinematics = Kinematics(device, self.renderer.shape.body, n_hypotheses)
         self.errors = device.empty((n_hypotheses,), np.float32, "the errors")
         context = self.renderer.context

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from apf.body.mesh import BodyMesh
 from apf.image_objective.config import ObjectiveConfig
 from apf.likelihood.observations import FeatureMaps
 from apf.reference.image_objective.render import Picture, draw_hypotheses
@@ -71,10 +70,9 @@ class NumpyImageObjective(NumpyLikelihood):
         scene: Scene,
         n_hypotheses: int,
         config: ObjectiveConfig | None = None,
-        mesh: BodyMesh | None = None,
     ) -> None:
         self.body, self.rig, self.config = scene.body, scene.rig, config or ObjectiveConfig()
-        self.mesh = mesh or self.config.mesh(self.body)
+        self.mesh = self.config.mesh(self.body)
 
     def observe(self, observation: FeatureMaps[np.ndarray]) -> None:
         self._maps, self._roi = observation.maps, observation.roi

@@ -77,11 +77,12 @@ def test_board_is_found_and_cameras_are_used(day: Path, page: Page) -> None:
     view.target.squares.value, view.target.square.value = SQUARES, SQUARE
     view.search()
     view.wait(600)
-    assert "looked at all frames" in view.words and "cam" in view.words
-    assert all(seen.frames >= 5 for seen in view.coverage)
+    assert "looked at all frames" in view.words.content and "cam" in view.words.content
+    assert all(seen.frames >= 5 for seen in view.found.coverage)
     view.calibrate()
     view.wait(600)
-    assert view.work is not None and view.work.succeeded, view.work and view.work.words
+    work = view.slot.work
+    assert work is not None and work.succeeded, work and work.words
     cameras = view.cameras.value
     page.open(day / "walk")
     again = page.calibrate
@@ -116,12 +117,12 @@ def test_board_is_found_live(day: Path, tmp_path: Path) -> None:
         film.mode.value = TARGET
         for frame in frames:
             film.examine_frame(frame)
-        assert "covered" in film.words and "expected 12 or more" in film.words
+        assert "covered" in film.words.content and "expected 12 or more" in film.words.content
         n_found = len(film.found.sightings)
         film.examine_frame(frames[-1])  # it has not moved
         assert n_found == len(film.found.sightings) > 15
         film.mode.value = PERSON_LIVE
-        assert "nobody in the pictures" in film.words or film.person is None
+        assert "nobody in the pictures" in film.words.content or film.person is None
     finally:
         page.stop()
 

@@ -20,6 +20,7 @@ from apf.synthetic.config import SceneConfig
 from apf.synthetic.scene import make_rig
 from apf.tracking.correction import correct_pose
 from cl import InputError
+from psfs.page.nodes import to_quaternion
 from psfs.page.server import Gate, start_server, stop_server
 
 
@@ -44,12 +45,12 @@ def test_limb_turns_about_the_joint_before(scene: viser.SceneApi) -> None:
     for name, point in start.items():
         assert np.allclose(point.position, places[name], atol=1e-6)
     quarter = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
-    handle.turn(quarter)
+    handle._node.wxyz = to_quaternion(quarter)
     pivot = places["l_shoulder"]
     for name, point in handle.wanted.items():
         assert np.allclose(point.position, pivot + quarter @ (places[name] - pivot), atol=1e-6)
     small = np.array([[1.0, 0, 0], [0, np.cos(0.2), -np.sin(0.2)], [0, np.sin(0.2), np.cos(0.2)]])
-    handle.turn(small)
+    handle._node.wxyz = to_quaternion(small)
     pose = correct_pose(track.its_body, track.poses[2], handle.wanted)
     assert np.abs(pose - track.poses[2]).max() > 0.05  # the arm follows
     handle.remove()

@@ -41,10 +41,10 @@ def test_newest_pose_is_shown() -> None:
                 ]
             )  # fmt: skip
         until = time.monotonic() + 120
-        while "lost" not in page.status and time.monotonic() < until:
+        while "lost" not in page.status.content and time.monotonic() < until:
             time.sleep(0.02)
         assert np.allclose(page.nodes[0].joints.points, track.joints[3], atol=1e-5)
-        assert "the person is lost" in page.status and "2 poses" in page.status
+        assert "the person is lost" in page.status.content and "2 poses" in page.status.content
         page.press_record()  # from the next pose on
         assert page.takes == [(4, 4)]
         result.frames += [4, 6, 7]

@@ -183,7 +183,7 @@ def test_page_tracks_corrects_and_takes_home(page: Page, take: Path) -> None:
     page.correct.toggle_handle()
     watch.time_line.seek(2)
     page.correct.mark_bad()
-    assert "left wrist" in page.correct.list and "frames 2" in page.correct.list
+    assert "left wrist" in page.correct.list.content and "frames 2" in page.correct.list.content
     page.correct.track_again()
     again = run.work
     assert again is not None and again is not work
