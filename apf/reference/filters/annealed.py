@@ -24,14 +24,7 @@ from apf.reference.likelihood.voxel import NumpyVoxelLikelihood
 from apf.scene import Scene
 
 
-def numpy_voxel_likelihood(scene: Scene, config: FilterConfig) -> NumpyLikelihood:
-    """Return the voxels' likelihood for a filter of these settings, with the keypoints' if that
-    has a weight."""
-    voxels = NumpyVoxelLikelihood(scene, config.likelihood)
-    return numpy_with_keypoints(scene, config, voxels)
-
-
-def numpy_with_keypoints(
+def _with_keypoints(
     scene: Scene, config: FilterConfig, base: NumpyLikelihood | None
 ) -> NumpyLikelihood:
     """Return the likelihood `base` with the keypoints' term if that has a weight, or the
@@ -54,7 +47,8 @@ class NumpyAnnealedParticleFilter(NumpyTracker):
     ) -> None:
         config = config or FilterConfig()
         if likelihood is None:
-            likelihood = numpy_voxel_likelihood(scene, config)
+            voxels = NumpyVoxelLikelihood(scene, config.likelihood)
+            likelihood = _with_keypoints(scene, config, voxels)
         super().__init__(scene, likelihood, config)
 
     def _search(self) -> Estimate:
@@ -78,15 +72,16 @@ class NumpyAnnealedParticleFilter(NumpyTracker):
 
 def build_voxel_objective(scene: Scene, method: Method, n_runs: int) -> NumpyLikelihood:
     """Return the voxels' likelihood of `method`, with the keypoints' if that has a weight."""
-    return numpy_voxel_likelihood(scene, method.filter)
+    voxels = NumpyVoxelLikelihood(scene, method.filter.likelihood)
+    return _with_keypoints(scene, method.filter, voxels)
 
 
 def build_keypoint_objective(scene: Scene, method: Method, n_runs: int) -> NumpyLikelihood:
     """Return the keypoints' likelihood of `method` alone."""
-    return numpy_with_keypoints(scene, method.filter, None)
+    return _with_keypoints(scene, method.filter, None)
 
 
 def build_image_objective(scene: Scene, method: Method, n_runs: int) -> NumpyLikelihood:
     """Return the image objective of `method`, with the keypoints' if that has a weight."""
     base = NumpyImageObjective(scene, method.filter.search.n_particles, method.image)
-    return numpy_with_keypoints(scene, method.filter, base)
+    return _with_keypoints(scene, method.filter, base)
