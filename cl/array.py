@@ -113,3 +113,20 @@ class Array:
     def fill(self, value: float) -> None:
         """Set every element to `value`, on the device."""
         self.device.fill(self, value)
+
+
+def get_together(arrays: Sequence[Array]) -> list[np.ndarray]:
+    """Copy arrays of one device to the host, and wait once: each wait may take milliseconds where
+    other threads hold Python's lock."""
+    hosts = [np.empty(array.shape, array.dtype) for array in arrays]
+    device, event = arrays[0].device, None
+    with raise_device_errors(device.name, "a download"):
+        for array, host in zip(arrays, hosts, strict=True):
+            if host.size:
+                event = pyopencl.enqueue_copy(
+                    device.queue, host, array.whole, src_offset=array.start, is_blocking=False
+                )
+                device.record("download", event, download=host.nbytes)
+        if event is not None:
+            event.wait()
+    return hosts

@@ -10,7 +10,7 @@ import scipy
 
 from apf.likelihood.observations import AnyVoxels
 from cl import Array, Device, Launch, NumpyDevice
-from cl.staging import Upload
+from cl.staging import Copy, Upload
 from psfs.common.regions import bounding_box, split_regions
 from psfs.voxels.grid import VoxelCloud, VoxelGrid
 from psfs.voxels.host_voxels import HostVoxels
@@ -55,7 +55,11 @@ def store_voxels(device: Device | NumpyDevice, voxels: AnyVoxels) -> StoredVoxel
     assert not isinstance(voxels, HostVoxels)
 
     def kept(array: Array | None) -> Array | None:
-        return None if array is None else device.to_device(array.get(), "what a start keeps")
+        if array is None:
+            return None
+        copy = device.empty(array.shape, array.dtype, "what a start keeps")
+        Copy(array, copy)()
+        return copy
 
     return StoredVoxels(device, voxels.cloud(), kept(voxels.evidence), kept(voxels.pictures()))
 

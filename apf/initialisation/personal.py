@@ -28,6 +28,7 @@ from psfs.cameras.camera import CameraRig
 from psfs.common.least_squares import REACH, robust_weights
 from psfs.common.numbers import pick_evenly
 from psfs.common.progress import map_in_threads
+from psfs.common.regions import bounding_box
 
 T = TypeVar("T")
 
@@ -77,27 +78,43 @@ class Outlines:
         return len(self.rays)
 
 
-def find_outlines(rig: CameraRig, shown: np.ndarray, known: np.ndarray) -> Outlines:
-    """Return evenly chosen rays of the outlines of silhouettes `shown` (V, H, W) bool, without
-    those at the border of a picture or beside what is not `known` (V, H, W)."""
-    views, rays = [np.zeros(0)], [np.zeros((0, 3))]
-    window = np.ones((3, 3), np.uint8)
-    for view, (camera, mask, inside) in enumerate(zip(rig, shown, known, strict=True)):
-        opened = cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_OPEN, window)
+def find_outline_pixels(shown: np.ndarray, known: np.ndarray) -> list[np.ndarray]:
+    """Return evenly chosen pixels (K, 2) of the outlines of silhouettes `shown` (V, H, W) bool of
+    each view, without those at the border of a picture or beside what is not `known` (V, H, W)."""
+    window, chosen = np.ones((3, 3), np.uint8), []
+    for mask, inside in zip(shown, known, strict=True):
+        rows, columns = bounding_box(mask) or (slice(0, 1), slice(0, 1))
+        top, left = max(0, rows.start - 2), max(0, columns.start - 2)
+        part = slice(top, rows.stop + 2), slice(left, columns.stop + 2)
+        opened = cv2.morphologyEx(mask[part].view(np.uint8), cv2.MORPH_OPEN, window)
         lines, _ = cv2.findContours(opened, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
-        beyond = cv2.erode(
-            inside.astype(np.uint8), window, borderType=cv2.BORDER_CONSTANT, borderValue=0
-        )
         pixels = np.concatenate([np.zeros((0, 2), int), *(line[:, 0] for line in lines)])
+        beyond = cv2.erode(
+            inside[part].view(np.uint8), window, borderType=cv2.BORDER_CONSTANT, borderValue=0
+        )
         pixels = pixels[beyond[pixels[:, 1], pixels[:, 0]] > 0]
-        if len(pixels):
-            pixels = pixels[pick_evenly(len(pixels), _RAYS)]
-            through = camera.rays(pixels.astype(float))
-            through = through[np.isfinite(through).all(1)]
-            rays.append(through / np.linalg.norm(through, axis=1)[:, None])
-            views.append(np.full(len(through), view))
-    all_rays, of_view = np.concatenate(rays), np.concatenate(views)
-    return Outlines(all_rays.astype(np.float32), of_view.astype(np.uint8), rig.centres)
+        chosen.append(pixels[pick_evenly(len(pixels), _RAYS)] + (left, top))
+    return chosen
+
+
+def find_outlines(rig: CameraRig, pixels: Sequence[Sequence[np.ndarray]]) -> list[Outlines]:
+    """Return the outlines of frames whose `pixels` (K, 2) of each view are given, see
+    `find_outline_pixels`."""
+    if not pixels:
+        return []
+    ways = []
+    for camera, frames in zip(rig, zip(*pixels, strict=True), strict=True):
+        through = camera.rays(np.concatenate(frames).astype(float))
+        through /= np.linalg.norm(through, axis=1)[:, None]
+        ways.append(np.split(through, np.cumsum([len(of) for of in frames])[:-1]))
+    outlines = []
+    for frame in zip(*ways, strict=True):
+        rays, views = np.concatenate(frame), np.repeat(np.arange(len(rig)), [*map(len, frame)])
+        seen = np.isfinite(rays).all(1)
+        outlines.append(
+            Outlines(rays[seen].astype(np.float32), views[seen].astype(np.uint8), rig.centres)
+        )
+    return outlines
 
 
 class PersonalShape:

@@ -19,7 +19,7 @@ from apf.body.kinematics import posed_joints
 from apf.body.model import BodyModel
 from apf.filters.base import Estimate
 from apf.filters.method import Method
-from apf.initialisation.personal import Outlines, find_outlines
+from apf.initialisation.personal import Outlines, find_outline_pixels, find_outlines
 from apf.initialisation.sequence import check_rate
 from apf.likelihood.observations import (
     Observation,
@@ -185,14 +185,14 @@ def observe_outlines(session: Session, frames: np.ndarray) -> dict[int, Outlines
 def _record_outlines(
     session: Session, seen: Iterable[tuple[int, Observation]], outlines: dict[int, Outlines]
 ) -> Iterator[tuple[int, Observation]]:
-    """Yield the items of `seen`; find their outlines in other threads and add them to `outlines`
+    """Yield the items of `seen`; find their outlines in another thread and add them to `outlines`
     at the end."""
 
-    def find(counts: np.ndarray) -> Outlines:
-        return find_outlines(session.rig, counts > 0, counts != UNKNOWN)
+    def find(counts: np.ndarray) -> list[np.ndarray]:
+        return find_outline_pixels(counts > 0, counts != UNKNOWN)
 
-    begun: dict[int, Future[Outlines]] = {}
-    with ThreadPoolExecutor() as pool:
+    begun: dict[int, Future[list[np.ndarray]]] = {}
+    with ThreadPoolExecutor(1) as pool:  # more would wait for Python's lock
         try:
             for index, shown in seen:
                 voxels = cast("Voxels | HostVoxels", split_observation(shown)[0])
@@ -200,7 +200,8 @@ def _record_outlines(
                     begun[index] = pool.submit(find, counts)
                 yield index, shown
         finally:
-            outlines.update((index, found.result()) for index, found in begun.items())
+            found = find_outlines(session.rig, [each.result() for each in begun.values()])
+            outlines.update(zip(begun, found, strict=True))
 
 
 def _provenance(

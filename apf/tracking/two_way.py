@@ -84,7 +84,7 @@ def track_both_ways(
     in the backward pass, the window keeps the forward estimates of each track's first run.
     """
     window, frames = list[_WindowFrame](), iter(seen)
-    pool = ThreadPoolExecutor()  # crops observations while the device searches
+    pool = ThreadPoolExecutor(1)  # crops observations while the device searches
     ended: BaseException | None = None
     whole = False
     while True:

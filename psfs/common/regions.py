@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 import scipy
 
@@ -58,7 +59,5 @@ def find_largest_region_box(indices: np.ndarray, shape: tuple[int, ...]) -> np.n
 
 def bounding_box(region: np.ndarray) -> tuple[slice, slice] | None:
     """Return the rows and columns that hold all of `region` (H, W) bool; None if it is empty."""
-    rows, columns = (np.flatnonzero(region.any(axis)) for axis in (1, 0))
-    if not rows.size:
-        return None
-    return slice(int(rows[0]), int(rows[-1]) + 1), slice(int(columns[0]), int(columns[-1]) + 1)
+    x, y, width, height = cv2.boundingRect(region.view(np.uint8))
+    return (slice(y, y + height), slice(x, x + width)) if width else None

@@ -117,12 +117,10 @@ class Voxels:
         Raises InputError if there was no room for all voxels, or if there is no picture to colour
         them.
         """
-        count = int(self.count.get()[0])
-        self._surface.list.check_room()
-        volume = int(self.occupied.get()[0]) * self.grid.voxel_size**3
-        probability = self._surface.surface_probability(count)
-        rgb = self.colours().get(count)[:, :3] if colour else None
-        return VoxelCloud(self.grid, self.surface.get(count), probability, rgb, volume)
+        indices, probability, occupied = self._surface.download()
+        rgb = self.colours().get(len(indices))[:, :3] if colour else None
+        volume = occupied * self.grid.voxel_size**3
+        return VoxelCloud(self.grid, indices, probability, rgb, volume)
 
 
 def find_pictures(silhouette: Silhouette) -> Callable[[Frame | None], Array | None]:

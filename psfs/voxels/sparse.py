@@ -8,7 +8,8 @@ import math
 
 import numpy as np
 
-from cl import Array
+from cl import Array, Launch
+from cl.array import get_together
 from cl.signature import Argument
 from cl.workgroups import row_group, size_defines
 from psfs.voxels.bricks import (
@@ -84,6 +85,8 @@ class SparseSurface:
             device.kernel("reconstruction/pool", name, **BRICK_DEFINES, **sizes)
             for name in ("sparse_gather", "spread")
         )
+        #: Room for the surface's probabilities, and the launch that fills it.
+        self._gathered: tuple[Array, Launch] | None = None
 
     def __call__(self) -> None:
         self._bricks()
@@ -91,23 +94,26 @@ class SparseSurface:
         self._launch()
         self.list()
 
-    def surface_probability(self, count: int) -> np.ndarray:
-        """Download the probabilities (count,) float32 of the surface voxels. Where memory did not
-        suffice, they are the threshold, with a warning."""
-        self._warn_of_room()
-        device = self._bricks.device
-        found = device.empty(max(1, count), np.float32, "the surface's probability")
-        device.launch(
-            self._gather,
-            (4096,),
-            (64,),
-            **self._stored,
-            threshold=self._bricks.threshold,
-            indices=self.list.indices,
-            n_surface=self.list.count,
-            out=found,
-        )()
-        return found.get(count)
+    def download(self) -> tuple[np.ndarray, np.ndarray, int]:
+        """Download the indices (N,) int32 of the surface voxels and their probabilities (N,)
+        float32, and return the number of occupied voxels. Where memory did not suffice,
+        probabilities are the threshold, with a warning. Raises InputError as
+        `SurfaceList.read_counts` does."""
+        count, occupied, n_active = self.list.read_counts(self.n_active)
+        self._warn_of_room(n_active)
+        if self._gathered is None or self._gathered[0].size < count:
+            device = self._bricks.device
+            found = device.empty(max(1, 2 * count), np.float32, "the surface's probability")
+            gather = device.launch(
+                self._gather, (4096,), (64,), **self._stored, threshold=self._bricks.threshold,
+                indices=self.list.indices, n_surface=self.list.count, out=found,
+            )  # fmt: skip
+            self._gathered = found, gather
+        found, gather = self._gathered
+        gather()
+        parts = [array.region(0, (count,), array.dtype) for array in (self.list.indices, found)]
+        indices, probability = get_together(parts)
+        return indices, probability, occupied
 
     @property
     def probability(self) -> Array:
@@ -116,7 +122,7 @@ class SparseSurface:
         It is 0 where no brick was computed or where memory did not suffice; the latter gives a
         warning. Raises InputError if the array does not fit into the device's memory.
         """
-        self._warn_of_room()
+        self._warn_of_room(int(self.n_active.get()[0]))
         device, (nx, ny, nz) = self._bricks.device, self._bricks.shape
         probability = device.empty((nx, ny, nz), np.float32, "the whole grid's probability")
         device.launch(
@@ -128,10 +134,8 @@ class SparseSurface:
         )()
         return probability
 
-    def _warn_of_room(self) -> None:
-        """Warn once if more bricks can be occupied than there is memory for. Waits for the
-        device."""
-        n = int(self.n_active.get()[0])
+    def _warn_of_room(self, n: int) -> None:
+        """Warn once if more bricks, `n`, can be occupied than there is memory for."""
         if n > self.capacity and not self._warned:
             self._warned = True
             log.warning(

@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from cl import Array, Device, InputError
+from cl.array import get_together
 from cl.signature import Argument
 from cl.workgroups import size_defines
 
@@ -59,12 +60,14 @@ class SurfaceList:
         for launch in self._launches:
             launch()
 
-    def check_room(self) -> None:
-        """Raise InputError if the surface has more voxels than the list has room for. Waits for the
-        device."""
-        found = int(self._found.get()[0])
+    def read_counts(self, more: Array) -> tuple[int, int, int]:
+        """Download the numbers of surface voxels and of occupied ones, and that of an array (1,).
+        Raises InputError if the surface has more voxels than the list has room for."""
+        counts = get_together([self.count, self.occupied, more, self._found])
+        count, occupied, another, found = (int(of[0]) for of in counts)
         if found > self.capacity:
             raise InputError(
                 f"the surface has {found:,} voxels; expected at most {self.capacity:,} "
                 "(are the silhouettes full of noise?)"
             )
+        return count, occupied, another

@@ -13,6 +13,7 @@ from apf.initialisation.personal import (
     Outlines,
     PersonalFit,
     PersonalShape,
+    find_outline_pixels,
     find_outlines,
 )
 from apf.tracking.uncertainty import is_inside_ellipsoid
@@ -37,7 +38,11 @@ def masks(rig: CameraRig, cones: np.ndarray) -> np.ndarray:
 
 def outlines_of(cones: np.ndarray) -> Outlines:
     shown = masks(RIG, cones)
-    return find_outlines(RIG, shown, np.ones_like(shown))
+    return outlines_in(shown, np.ones_like(shown))
+
+
+def outlines_in(shown: np.ndarray, known: np.ndarray) -> Outlines:
+    return find_outlines(RIG, [find_outline_pixels(shown, known)])[0]
 
 
 @pytest.fixture(scope="module")
@@ -83,7 +88,7 @@ def test_measures_and_poses_are_found(
 
 def test_without_outlines_nothing_changes() -> None:
     fit, poses = PersonalFit(SONG), SONG.rest_pose[None]
-    nothing = [find_outlines(RIG, *np.zeros((2, 4, RIG.height, RIG.width), bool))]
+    nothing = [outlines_in(*np.zeros((2, 4, RIG.height, RIG.width), bool))]
     measures, covariance = fit.measure(nothing, poses)
     assert not measures.any() and np.array_equal(np.diag(covariance), fit.shape.spread**2)
     assert np.array_equal(fit.pose(measures, nothing, poses), poses)
@@ -93,9 +98,9 @@ def test_what_is_unknown_or_at_the_border_is_no_outline() -> None:
     shown = np.zeros((4, RIG.height, RIG.width), bool)
     shown[:, :, :40] = True
     known = np.ones_like(shown)
-    assert len(find_outlines(RIG, shown, known)) > 100
+    assert len(outlines_in(shown, known)) > 100
     known[:, :, 40:] = False
-    assert len(find_outlines(RIG, shown, known)) == 0
+    assert len(outlines_in(shown, known)) == 0
 
 
 def test_growths_are_derivatives_of_the_cones() -> None:

@@ -53,8 +53,10 @@ def compare(
     np.testing.assert_array_equal(found.list.indices.get(len(surface)), surface)
     assert found.list.count.get()[0] == len(surface)
     assert found.list.occupied.get()[0] == occupied.sum()
-    chosen = found.surface_probability(len(surface))
+    indices, chosen, n_occupied = found.download()
+    np.testing.assert_array_equal(indices, surface)
     np.testing.assert_array_equal(chosen, every.ravel()[surface])
+    assert n_occupied == occupied.sum()
     return len(surface), int(found.n_active.get()[0])
 
 
@@ -93,7 +95,7 @@ def test_sparse_agrees_with_the_twin(
     union = np.union1d(indices, expected)
     common = np.intersect1d(indices, expected)
     assert len(union) - len(common) <= max(2, 5e-3 * len(union))
-    away = np.abs(found.surface_probability(len(indices)) - smoothed.ravel()[indices])
+    away = np.abs(found.download()[1] - smoothed.ravel()[indices])
     assert (away > 1e-5).mean() < 0.01
     near = ndimage.binary_dilation(smoothed > config.threshold, np.ones((3, 3, 3)))
     assert (np.abs(found.probability.get() - smoothed)[near] > 1e-5).mean() < 0.01
@@ -161,8 +163,7 @@ def test_too_many_bricks_are_warned_of_once(
     config = OccupancyConfig()
     surface = SparseSurface(Bricks(device, rig, grid, evidence, STEP, config))
     surface()
-    count = int(surface.list.count.get()[0])
-    found = [surface.surface_probability(count) for _ in range(2)][-1]
+    found = [surface.download()[1] for _ in range(2)][-1]
     assert (found >= np.float32(config.threshold)).all()
     assert (found == np.float32(config.threshold)).any() and (found > config.threshold).any()
     assert [record.message.count("bricks") for record in caplog.records] == [1]
