@@ -62,48 +62,48 @@ def sampled_scene(
 
 
 def fit_light(shown: np.ndarray, scene: np.ndarray, size: tuple[int, int]) -> np.ndarray:
-    """Estimate the light (LIGHT_FLOATS,) of a picture of `size` by iteratively reweighted least
+    """Estimate the light (F, LIGHT_FLOATS) of F pictures of `size` by iteratively reweighted least
     squares (Geman and McClure).
 
-    shown: (n, 3) colours of the samples in the picture. scene: (8, n), see `sampled_scene`.
+    shown: (F, n, 3) colours of the samples in the pictures. scene: (8, n), see `sampled_scene`.
 
     A sample weighs 1 / (1 + d^2 / (3 scale^2))^2 by its squared distance d^2 in standard deviations
     of the background, with a scale that shrinks. Each step fits gains and offsets given the
     previous field, and the field given the previous gains and offsets.
     """
     mean, weight, place = scene[:3].T, scene[3:6].T, scene[6:].T
-    gain, offset, slope, spread = np.ones(3), np.zeros(3), np.zeros(2), 1.0
+    gain, offset = np.ones((len(shown), 3)), np.zeros((len(shown), 3))
+    slope, spread = np.zeros((len(shown), 2)), np.ones(len(shown))
     for step in range(_STEPS):
         scale = max(_NARROWEST, _WIDEST / 2**step)
-        lit = mean * (1 + place @ slope)[:, None]
-        rest = shown - (gain * lit + offset)
-        distance = (weight * rest**2).sum(1)
+        lit = mean * np.stack([1 + place @ of for of in slope])[..., None]
+        rest = shown - (gain[:, None] * lit + offset[:, None])
+        distance = (weight * rest**2).sum(-1)
         trust = (1 + distance / (3 * scale**2)) ** -2
-        spread = float((trust * distance).sum() / (3 * EXPECTED_SPREAD2 * trust.sum() + 1e-6))
-        weights = _INDEPENDENT * trust[:, None] * weight
-        change = _slope_change(weights, gain * mean, rest, place, slope)
-        aa = (weights * lit * lit).sum(0) + _GAIN_STD**-2
-        bb = weights.sum(0) + _OFFSET_STD**-2
-        ab, b = (weights * lit).sum(0), (weights * shown).sum(0)
-        a = (weights * lit * shown).sum(0) + _GAIN_STD**-2
+        spread = (trust * distance).sum(-1) / (3 * EXPECTED_SPREAD2 * trust.sum(-1) + 1e-6)
+        weights = _INDEPENDENT * trust[..., None] * weight
+        bright = gain[:, None] * mean
+        square, product = (weights * bright * bright).sum(-1), (weights * bright * rest).sum(-1)
+        aa = (weights * lit * lit).sum(1) + _GAIN_STD**-2
+        bb = weights.sum(1) + _OFFSET_STD**-2
+        ab, b = (weights * lit).sum(1), (weights * shown).sum(1)
+        a = (weights * lit * shown).sum(1) + _GAIN_STD**-2
         determinant = aa * bb - ab * ab
         gain = np.clip((a * bb - b * ab) / determinant, *GAINS)
         offset = (aa * b - ab * a) / determinant
-        slope = slope + change * (step > 0)  # in step 0 the gains are still far off
-    spread, first = max(spread, 1.0), 1 + slope @ (1 / np.array(size) - 1)
-    field = 2 * slope / size
-    return np.array([*gain, *offset, first, *field, 1 / spread, 1.5 * np.log(spread), 0])
+        if step:  # in step 0 the gains are still far off
+            slope = slope + np.stack(
+                [_slope_change(*of, place) for of in zip(square, product, slope, strict=True)]
+            )
+    spread, first = np.maximum(spread, 1.0), 1 + slope @ (1 / np.array(size) - 1)
+    rest = np.stack([first, *(2 * slope / size).T, 1 / spread, 1.5 * np.log(spread), 0 * spread], 1)
+    return np.concatenate([gain, offset, rest], 1)
 
 
 def _slope_change(
-    weights: np.ndarray,
-    lit: np.ndarray,
-    rest: np.ndarray,
-    place: np.ndarray,
-    slope: np.ndarray,
+    square: np.ndarray, product: np.ndarray, slope: np.ndarray, place: np.ndarray
 ) -> np.ndarray:
     """Return the change (2,) of the field's slope."""
-    square, product = (weights * lit * lit).sum(1), (weights * lit * rest).sum(1)
     matrix = np.einsum("n,ni,nj->ij", square, place, place) + np.eye(2) * _FIELD_STD**-2
     return np.linalg.solve(matrix, product @ place - slope * _FIELD_STD**-2)
 

@@ -175,32 +175,31 @@ def _read_samples(
     for into, frame in zip(frames, media.frames(numbers), strict=True):
         into[...] = frame
     median, _ = median_moments(frames)
-    light = np.stack([_estimate_frame_light(frame, median) for frame in frames])
+    light = _estimate_light(frames, median)
     relit = map(relight_picture, frames, light)
     small = np.stack([scale_picture(picture, factor) for picture in relit])
     if film is None:
         return _View(frames if keep else None, light, small, None)
     mean, std = view_moments(film)
-    of = _estimate_frame_light(mean, median)
+    (of,) = _estimate_light(mean[None], median)
     row, column = map(np.arange, mean.shape[:2])
     field = light_field(of, row[:, None], column)[..., None]
     gains, offsets = np.float32(of[:3]) * field, np.float32(of[3:6])
     return _View(frames if keep else None, light, small, ((mean - offsets) / gains, std / gains))
 
 
-def _estimate_frame_light(frame: np.ndarray, median: np.ndarray) -> np.ndarray:
-    """Return the light (LIGHT_FLOATS,) of a frame (h, w, 3) relative to the median of all."""
-    height, width = frame.shape[:2]
+def _estimate_light(frames: np.ndarray, median: np.ndarray) -> np.ndarray:
+    """Return the light (n, LIGHT_FLOATS) of frames (n, h, w, 3) relative to the median of all."""
+    height, width = median.shape[:2]
     x, y = (
         ((np.arange(n) + 0.5) / n * size).astype(int)
         for n, size in zip(GRID, (width, height), strict=True)
     )
-    at = np.ix_(y, x)
     place = np.stack(np.meshgrid(2 * (x + 0.5) / width - 1, 2 * (y + 0.5) / height - 1))
-    mean = np.moveaxis(median[at], -1, 0)
+    mean = np.moveaxis(median[y[:, None], x], -1, 0)
     weight = np.full(mean.shape, BackgroundConfig().sigma_floor ** -2)
     scene = np.concatenate([mean, weight, place]).reshape(8, -1).astype(np.float64)
-    shown = frame[at].reshape(-1, 3).astype(np.float64)
+    shown = frames[:, y[:, None], x].reshape(len(frames), -1, 3).astype(np.float64)
     return fit_light(shown, scene, (width, height))
 
 

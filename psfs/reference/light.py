@@ -32,7 +32,7 @@ def estimate_light(
     for view, camera in enumerate(rig):
         x, y = pixels[view].T
         shown, sampled = images[view, y, x].astype(np.float64), scene[view].astype(np.float64)
-        light[view] = fit_light(shown, sampled, camera.size)
+        light[view] = fit_light(shown[None], sampled, camera.size)[0]
     return light
 
 
