@@ -1,4 +1,8 @@
-"""All settings of tracking in one tree, a node for each room; those of `psfs.settings` first."""
+"""All settings in one tree, a node for each room; those of psfs first.
+
+Tables of --config and of presets, validation, and docs/settings.md are derived from it; so are the
+flags of single settings.
+"""
 
 from __future__ import annotations
 
@@ -7,13 +11,18 @@ from apf.initialisation.config import StartConfig
 from apf.live.config import LiveConfig
 from apf.synthetic.config import SceneConfig
 from apf.tracking.config import RecoveryConfig, SmoothingConfig, TriangulatedConfig
-from psfs import settings as of_psfs
-from psfs.common.config import part
+from psfs.common.config import Config, part
+from psfs.footage.settings import SequenceSettings
+from psfs.self_calibration.config import PersonConfig
+from psfs.voxels.config import ReconstructionConfig
 
 
-class Settings(of_psfs.Settings):
+class Settings(Config):
     """The settings of every room of psfs and apf."""
 
+    capture: SequenceSettings = part(SequenceSettings)
+    reconstruction: ReconstructionConfig = part(ReconstructionConfig)
+    person: PersonConfig = part(PersonConfig)
     method: Method = part(Method)
     start: StartConfig = part(StartConfig)
     recovery: RecoveryConfig = part(RecoveryConfig)

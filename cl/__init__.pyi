@@ -1,6 +1,7 @@
 from .array import Array as Array
 from .device import Device as Device
 from .device import NumpyDevice as NumpyDevice
+from .device import Stage as Stage
 from .device import select_device as select_device
 from .errors import DeviceError as DeviceError
 from .errors import InputError as InputError
@@ -13,4 +14,3 @@ from .listing import DeviceInfo as DeviceInfo
 from .listing import list_devices as list_devices
 from .probe import Probe as Probe
 from .profile import Profile as Profile
-from .stage import Stage as Stage

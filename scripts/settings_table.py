@@ -15,7 +15,7 @@ from pydantic.fields import FieldInfo
 
 from apf.settings import Settings
 from psfs.common.config import Config, about, describe_range, field_choices, part_kind
-from psfs.common.toml import parse_toml
+from psfs.common.files import parse_toml
 
 PAGE = Path(__file__).parents[1] / "docs" / "settings.md"
 _HEAD = """# Settings

@@ -18,7 +18,7 @@ import apf.cli
 import psfs
 import psfs.cli
 from psfs.common.config import Config, part_kind
-from psfs.common.toml import read_toml
+from psfs.common.files import read_toml
 
 ROOT = Path(__file__).parents[1]
 PACKAGES = pytest.mark.parametrize("package", [psfs, apf], ids=["psfs", "apf"])

@@ -10,7 +10,6 @@ import pytest
 
 import apf.presets
 import apf.settings
-import psfs.settings
 from psfs.common.config import Config, about, part_kind
 from psfs.common.requests import Request
 
@@ -34,7 +33,7 @@ def classes(kind: type[Config] = Config) -> set[type[Config]]:
 
 
 def test_every_class_of_settings_is_in_the_tree() -> None:
-    outside = {psfs.settings.Settings, apf.presets.Preset}  # the one's own base, and a choice of it
+    outside = {apf.presets.Preset}  # a choice of it
     assert classes() - outside == below(TREE)
     assert len(below(TREE)) > 30
 

@@ -14,9 +14,8 @@ from apf.body.model import BodyModel, Bone, Cone, FreeAxis, Joint
 from apf.body.schema import MOST, TALLEST, AxisEntry, BodyEntry, BoneEntry, ConeEntry
 from cl import InputError, MissingFileError
 from psfs.cameras.names import join_names
-from psfs.common.files import write_text
+from psfs.common.files import parse_toml, read_toml, write_text
 from psfs.common.schema import parse_values
-from psfs.common.toml import parse_toml, read_toml
 
 #: Folder of the bodies that are shipped.
 _BODIES = Path(str(resources.files("apf"))) / "body" / "models"

@@ -27,12 +27,10 @@ from apf.takes.job import take_names
 from apf.takes.track import check_request
 from cl import InputError
 from psfs.cli.commandline import warn
-from psfs.common.files import resolve_path
-from psfs.common.names import check_name
+from psfs.common.files import read_toml, resolve_path
 from psfs.common.outputs import MANIFEST, output_folder
-from psfs.common.ranges import check_number
+from psfs.common.ranges import check_name, check_number
 from psfs.common.requests import Stated, read_config, read_flags
-from psfs.common.toml import read_toml
 
 #: Names in OUT that are reserved: no take may have them.
 _TAKEN = (LOGS, PARTS, *FILES, MANIFEST)

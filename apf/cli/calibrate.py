@@ -3,8 +3,6 @@ from the silhouettes."""
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from apf.keypoints.calibration import calibrate_by_keypoints
@@ -14,11 +12,11 @@ from cl import InputError
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.cli.commandline import remark
 from psfs.cli.person import (
-    enlarge_rig,
     open_person_footage,
     outline_footage,
     read_lenses,
     read_person_config,
+    transfer_poses,
     write_person_calibration,
 )
 from psfs.common.outputs import output_folder
@@ -71,15 +69,9 @@ def _adjust(
 ) -> tuple[CameraRig, PersonCalibration]:  # fmt: skip
     """Return the cameras, adjusted to the silhouettes. Raises InputError if these do not fit."""
     small, outlines, edges = outline_footage(request, views, large, config)
-    start = []
-    for camera, own, before in zip(small, found.rig, large, strict=True):
-        K = camera.K.copy()
-        K[[0, 0, 1], [0, 1, 1]] *= own.K[0, 0] / before.K[0, 0]
-        start.append(replace(camera, K=K, R=own.R, t=own.t))
-    calibration = adjust_calibration(
-        CameraRig(tuple(start)), found.lags, outlines, edges, views.fps, config
-    )
-    return enlarge_rig(large, small, calibration.rig), calibration
+    start = transfer_poses(small, large, found.rig)
+    calibration = adjust_calibration(start, found.lags, outlines, edges, views.fps, config)
+    return transfer_poses(large, small, calibration.rig), calibration
 
 
 def _as_person_calibration(found: PointCalibration) -> PersonCalibration:

@@ -11,7 +11,7 @@ from apf.evaluation.evaluate import evaluate
 from apf.evaluation.joint_names import evaluated_joints
 from apf.formats.trc import CONVENTIONS, JointSeries
 from apf.tracking.track import Track
-from psfs.common.matching import match_pairs
+from psfs.common.numbers import match_pairs
 
 #: Mean error, m, that no track of the same take has; greatest mean error, m, with the right axes,
 #: and its greatest share of the error with the stated ones.

@@ -14,8 +14,8 @@ from apf.keypoints.landmarks import Landmark, locate_points, parse_landmarks
 from apf.tracking.track import Track
 from cl import InputError
 from psfs.cameras.names import join_names
+from psfs.common.files import read_toml
 from psfs.common.ranges import check_number
-from psfs.common.toml import read_toml
 
 
 @dataclass(frozen=True, eq=False)

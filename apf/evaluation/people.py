@@ -24,7 +24,7 @@ from apf.tracking.people import PeopleTracks
 from apf.tracking.track import Track
 from cl import InputError
 from psfs.common.files import write_json
-from psfs.common.matching import match_pairs
+from psfs.common.numbers import match_pairs
 
 #: A track whose joints lie farther than this, m, from a true person's on average is not theirs.
 MATCHED = 0.5

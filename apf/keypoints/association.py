@@ -22,7 +22,7 @@ from psfs.cameras.triangulation import (
     triangulate,
     undistort_points,
 )
-from psfs.common.matching import find_best_path, match_pairs
+from psfs.common.numbers import find_best_path, match_pairs
 from psfs.people.following import SPEED
 from psfs.people.people import People, Person
 from psfs.voxels.grid import VoxelGrid

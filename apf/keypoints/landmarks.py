@@ -23,8 +23,8 @@ from apf.body.model import BodyModel
 from apf.body.stature import stature
 from cl import InputError
 from psfs.cameras.names import join_names
+from psfs.common.files import read_toml
 from psfs.common.schema import Table, Vector, parse_values
-from psfs.common.toml import read_toml
 
 #: The table that is shipped.
 LANDMARKS = Path(str(resources.files("apf"))) / "keypoints" / "landmarks.toml"

@@ -12,8 +12,8 @@ from apf.body.model import BodyModel
 from apf.likelihood.terms import TERMS, TermSettings
 from apf.scene import Scene
 from cl import Array, Launch
+from cl.device import Stage
 from cl.signature import Argument
-from cl.stage import Stage
 from psfs.voxels.device_voxels import CarvedVoxels
 from psfs.voxels.host_voxels import HostVoxels
 

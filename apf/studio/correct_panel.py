@@ -23,8 +23,8 @@ from apf.tracking.correction import (
 )
 from apf.tracking.track import Track
 from cl import InputError, UserError
+from psfs.common.files import read_toml
 from psfs.common.requests import SETTINGS, Stated, read_flags, split_tables
-from psfs.common.toml import read_toml
 from psfs.page.look_through import crosses, locate_point
 from psfs.page.server import read_choice
 from psfs.page.timeline import add_key

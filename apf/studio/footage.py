@@ -165,7 +165,7 @@ class FootageView(Watch):
             if self._closed.is_set():
                 return
             known = any(fault.kind in ("unit", "calibration") for fault in examination.faults)
-            self._notes = _list_faults(self.opened.info, known)
+            self._notes = _list_faults(self.opened.info, self.sequence.notes, known)
             self._notes += [("warning", text) for text in warnings]
             self._notes += [("note", text) for text in faults]
             advice = self._show_person(examination)
@@ -205,16 +205,18 @@ class FootageView(Watch):
             seen = [(f"{one.seen * one.whole:.0%}", f"{one.height:.0f}") for one in self._person]
             rows = [(*row, *more) for row, more in zip(rows, seen, strict=True)]
         facts = (
-            f"{self.sequence.folder.name}: {info.frames} frames at {info.fps:g} per second; "
-            f"background: {info.background_kind}"
+            f"{self.sequence.folder.name}: {len(self.sequence)} frames at {self.sequence.fps:g} "
+            f"per second; background: {self.sequence.background_kind}"
         )
         table = make_table(rows, heading)
         return make_text(facts) + table + make_lines(self._notes)
 
 
-def _list_faults(info: SequenceInfo, unit_known: bool) -> list[tuple[str, object]]:
+def _list_faults(
+    info: SequenceInfo, notes: list[str], unit_known: bool
+) -> list[tuple[str, object]]:
     """Return the lines on a take that are known without its pictures."""
-    lines: list[tuple[str, object]] = [("note", note) for note in info.notes]
+    lines: list[tuple[str, object]] = [("note", note) for note in notes]
     if info.keypoints is not None:
         lines.append(("note", f"keypoints of a pose network: {info.keypoints.name}"))
     texts = [text for text in info.warnings if not (unit_known and UNIT_ASKED in text)]

@@ -15,9 +15,8 @@ from apf.synthetic.config import SceneConfig
 from apf.synthetic.render import SyntheticScene
 from cl import Device, InputError, NumpyDevice
 from psfs.cameras.calibration.toml_tables import write_toml_tables
-from psfs.common.files import write_picture
+from psfs.common.files import write_picture, write_toml
 from psfs.common.outputs import claim, clear_leftovers, output_folder, temporary_name
-from psfs.common.toml import write_toml
 from psfs.output.video import write_video
 
 BACKGROUND_FRAMES = 30

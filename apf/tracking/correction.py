@@ -16,9 +16,9 @@ from apf.likelihood.observations import PointObservations
 from apf.tracking.track import Track, spans
 from cl import InputError
 from psfs.cameras.camera import CameraRig
+from psfs.common.files import read_toml, write_toml
 from psfs.common.ranges import LARGEST
 from psfs.common.schema import Name, PathText, parse_values
-from psfs.common.toml import read_toml, write_toml
 from psfs.voxels.grid import VoxelGrid
 
 #: The defaults of a file of corrections: time before and after a corrected frame, s, that is

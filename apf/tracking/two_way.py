@@ -43,8 +43,7 @@ from apf.tracking.limb_confidence import LEAST_DISTANCE, SAME_PLACE
 from apf.tracking.recovery import RecoveringRuns
 from apf.tracking.smoothing import unwrap_angles
 from cl import Device, NumpyDevice, UserError
-from psfs.common.matching import find_best_path
-from psfs.common.numbers import find_true_runs, smooth_locally
+from psfs.common.numbers import find_best_path, find_true_runs, smooth_locally
 from psfs.voxels.device_voxels import Voxels
 from psfs.voxels.host_voxels import HostVoxels
 

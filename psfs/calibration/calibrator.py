@@ -21,7 +21,6 @@ from psfs.calibration.consistency import (
 from psfs.calibration.scene import (
     OUTLIER,
     CalibrationScene,
-    all_reprojection_errors,
     reprojection_errors,
     rms,
 )
@@ -96,7 +95,7 @@ def calibrate_cameras(
     if len(kept) < len(ordered):
         scene = adjust_bundle(scene, target, kept, freedom)
     scene, agreeing, disagreeing = _exclude_outlier_cameras(scene, target, kept, freedom, names)
-    error = rms(np.minimum(all_reprojection_errors(scene, target, agreeing), 1e3))
+    error = rms(np.minimum(reprojection_errors(scene, target, agreeing), 1e3))
     if not error <= OUTLIER:  # also NaN, of no sighting at all
         raise InputError(
             f"the sightings of the {target.name} fit no arrangement of the cameras; expected "
@@ -183,7 +182,7 @@ def _reject_false(
     """Reject sightings with large errors, except of cameras that have many of them."""
     kept: list[Sighting] = []
     for own in group_by_view(sightings, len(scene.cameras)):
-        near = [s for s in own if np.median(reprojection_errors(scene, target, s)) < OUTLIER]
+        near = [s for s in own if np.median(reprojection_errors(scene, target, [s])) < OUTLIER]
         least = (1 - _FALSE) * len(own)
         kept += near if len(near) >= least else own
     return select_shared(kept, _count_needed(target))

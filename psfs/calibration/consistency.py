@@ -14,7 +14,7 @@ import numpy as np
 import scipy
 
 from psfs.calibration.bundle import FreeParameters, adjust_bundle, compare_lenses
-from psfs.calibration.scene import GOOD, CalibrationScene, all_reprojection_errors, rms
+from psfs.calibration.scene import GOOD, CalibrationScene, reprojection_errors, rms
 from psfs.calibration.targets.target import Sighting, Target, group_by_view
 from psfs.cameras.camera import Camera
 from psfs.common.numbers import FALSE_ALARMS, pick_evenly
@@ -38,7 +38,7 @@ def find_outlier_camera(
     seen = [view for view in views if len(groups[view]) > 3]
     if len(seen) < _FEWEST:
         return None
-    errors = [all_reprojection_errors(scene, target, groups[view]) for view in seen]
+    errors = [reprojection_errors(scene, target, groups[view]) for view in seen]
     own = np.array([rms(error) for error in errors])
     others = [rms(np.concatenate([*errors[:k], *errors[k + 1 :]])) for k in range(len(seen))]
     scores = own / np.maximum(others, 1e-9)
@@ -65,7 +65,7 @@ def explain_disagreement(
     with this one where it fits best. sightings: its own.
     """
     every = [sightings[k] for k in pick_evenly(len(sightings), _SAMPLED)]
-    error = rms(all_reprojection_errors(scene, target, every))
+    error = rms(reprojection_errors(scene, target, every))
     guesses = [
         _test_moved(scene, target, every),
         _test_late(scene, target, every),
@@ -93,7 +93,7 @@ def _fit_camera(
     held = tuple(other for other in range(len(scene.cameras)) if other != view)
     freedom = FreeParameters((view,) if lens else (), held, poses=False)
     scene = adjust_bundle(scene, target, sightings, freedom)
-    return all_reprojection_errors(scene, target, sightings), scene
+    return reprojection_errors(scene, target, sightings), scene
 
 
 def _test_moved(

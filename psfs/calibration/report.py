@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from psfs.calibration.calibrator import CalibrationResult
-from psfs.calibration.scene import GOOD, all_reprojection_errors, rms
+from psfs.calibration.scene import GOOD, reprojection_errors, rms
 from psfs.calibration.start.placing import FEW_FRAMES, count_shared_frames
 from psfs.calibration.targets.target import Sighting, group_by_view
 from psfs.cameras.camera import Camera
@@ -113,7 +113,7 @@ def summarise_views(result: CalibrationResult, lenses_known: bool) -> list[ViewR
     for view, seen in enumerate(measure_coverage(cameras, result.sightings)):
         sightings = [sighting for sighting in result.sightings if sighting.view == view]
         pixels = np.concatenate([s.pixels for s in sightings] or [np.zeros((0, 2))])
-        errors = all_reprojection_errors(result.scene, result.target, sightings)
+        errors = reprojection_errors(result.scene, result.target, sightings)
         shared = int(np.delete(result.shared[view], view).max(initial=0))
         seen = replace(seen, shared=shared)
         faults = _list_faults(result, cameras[view].name, seen, lenses_known)

@@ -1,4 +1,5 @@
-"""The cameras and target poses that a calibration estimates, and their reprojection errors."""
+"""The cameras and target poses that a calibration estimates, their reprojection errors, and the
+world's axes: from a target on the floor, or from the cameras."""
 
 from __future__ import annotations
 
@@ -8,6 +9,7 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
+from cl import InputError
 from psfs.calibration.targets.target import Sighting, Target
 from psfs.cameras.camera import Camera
 
@@ -66,14 +68,7 @@ def place_camera(camera: Camera, pose: np.ndarray) -> Camera:
     return replace(camera, R=left @ right, t=pose[:3, 3])
 
 
-def reprojection_errors(scene: CalibrationScene, target: Target, sighting: Sighting) -> np.ndarray:
-    """Return the reprojection errors (N,) px of a sighting."""
-    points = scene.points(target, sighting.frame)[sighting.ids]
-    pixels, _ = scene.cameras[sighting.view].project(points)
-    return np.linalg.norm(pixels - sighting.pixels, axis=-1)
-
-
-def all_reprojection_errors(
+def reprojection_errors(
     scene: CalibrationScene, target: Target, sightings: Sequence[Sighting]
 ) -> np.ndarray:
     """Return the errors (M,) px of all points of the sightings, concatenated."""
@@ -91,3 +86,82 @@ def all_reprojection_errors(
 def rms(values: np.ndarray) -> float:
     """Return the root mean square; NaN for an empty array."""
     return float(np.sqrt(np.mean(np.square(values)))) if values.size else float("nan")
+
+
+#: Largest deviation of the target's points from the floor plane, m, and their least extent across
+#: their longest direction, as a share of that.
+_MAX_DEVIATION, _MIN_EXTENT = 0.03, 0.05
+
+
+def align_to_floor(
+    scene: CalibrationScene, target: Target, frames: Sequence[int], height: float
+) -> np.ndarray:
+    """Return the transform (4, 4) to the world whose floor, Z = 0, the target lay on.
+
+    frames: those in which the target lies on the floor; its points are `height` m above it. The
+    origin is below the first point seen, X is the target's X axis. Raises InputError unless the
+    points lie in a plane.
+    """
+    seen = [frame for frame in frames if frame in scene.poses]
+    if not seen:
+        raise InputError(
+            f"the floor: the {target.name} is not seen, by enough cameras, in the frames stated; "
+            f"expected frames in which it lies on the floor"
+        )
+    points = np.concatenate([scene.points(target, frame) for frame in seen])
+    middle = points.mean(axis=0)
+    _, sizes, axes = np.linalg.svd(points - middle, full_matrices=False)
+    if len(points) < 3 or sizes[1] < _MIN_EXTENT * sizes[0]:
+        raise InputError(
+            f"the floor: the {target.name} lies along one line in the frames stated; expected "
+            "frames in which it lies on the floor in two directions"
+        )
+    off = float(np.abs((points - middle) @ axes[2]).max())
+    if off > _MAX_DEVIATION:
+        raise InputError(
+            f"the floor: the points of the {target.name} lie {1000 * off:.0f} mm off a plane in "
+            f"the frames stated; expected at most {1000 * _MAX_DEVIATION:.0f}"
+        )
+    first = scene.points(target, seen[0])
+    across = first[-1] - first[0] if not target.planar else scene.poses[seen[0]][:3, 0]
+    return _align_axes(scene, axes[2], across, first[0], height)
+
+
+def align_to_cameras(scene: CalibrationScene, target: Target) -> np.ndarray:
+    """Return the transform (4, 4) to a world whose Z axis is the cameras' mean upward direction.
+
+    The floor is at the target's lowest point, the origin below the mean of its points.
+    """
+    points = np.concatenate([scene.points(target, frame) for frame in scene.poses])
+    middle = points.mean(axis=0)
+    up = -np.mean([camera.R[1] for camera in scene.cameras], axis=0)
+    if np.linalg.norm(up) < 0.1:  # the cameras look down from above
+        up = np.mean([camera.centre for camera in scene.cameras], axis=0) - middle
+    up = up / np.linalg.norm(up)
+    lowest = middle + ((points - middle) @ up).min() * up
+    first = scene.cameras[0]
+    return _align_axes(scene, up, first.R[0], lowest, 0.0, towards_cameras=False)
+
+
+def _align_axes(
+    scene: CalibrationScene,
+    normal: np.ndarray,
+    across: np.ndarray,
+    origin: np.ndarray,
+    height: float,
+    towards_cameras: bool = True,
+) -> np.ndarray:
+    """Return the transform (4, 4) to the axes with Z along `normal` and X along `across`.
+
+    Z points to the cameras' side of the floor, and `origin` gets the coordinates (0, 0, height).
+    """
+    z = normal / np.linalg.norm(normal)
+    centres = np.array([camera.centre for camera in scene.cameras])
+    if towards_cameras and ((centres - origin) @ z).mean() < 0:
+        z = -z
+    x = across - (across @ z) * z
+    x = x / np.linalg.norm(x)
+    R = np.stack([x, np.cross(z, x), z])
+    return rigid_transform(
+        R, np.array([0, 0, height]) - transform_points(rigid_transform(R, np.zeros(3)), origin)
+    )

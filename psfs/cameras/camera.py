@@ -14,8 +14,7 @@ import numpy as np
 
 from cl import InputError
 from psfs.cameras.distortion import distort, largest_radius2, undistort
-from psfs.common.names import check_name
-from psfs.common.ranges import check_picture_size
+from psfs.common.ranges import check_name, check_picture_size
 
 #: Largest rig.
 MOST_CAMERAS = 1000
@@ -228,6 +227,12 @@ class Camera:
             )
             hidden = hidden[np.ix_(rows, columns)]
         return replace(self, K=K, size=size, hidden=hidden)
+
+    def refocused(self, factor: float) -> Camera:
+        """Return the camera with focal lengths `factor` times as long."""
+        K = self.K.copy()
+        K[[0, 0, 1], [0, 1, 1]] *= factor
+        return replace(self, K=K)
 
     def packed(self) -> np.ndarray:
         """Return (CAMERA_FLOATS,) float32 for the kernels, in the order of `camera.h`."""

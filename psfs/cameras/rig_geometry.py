@@ -1,4 +1,4 @@
-"""The point where a rig's optical axes meet, and the box that its cameras see."""
+"""The point where a rig's optical axes meet, the box that its cameras see, and cells of pixels."""
 
 from __future__ import annotations
 
@@ -109,3 +109,21 @@ def keep_seen(rig: CameraRig, points: np.ndarray, needed: int) -> np.ndarray:
     """Return those of the points (N, 3) m that at least `needed` cameras see."""
     views = np.sum([camera.look_up(points)[0] for camera in rig], axis=0)
     return points[views >= needed]
+
+
+#: Edge of a cell, px. The kernels' layout of packs and blocks depends on it.
+CELL = 4
+
+
+def cells(rig: CameraRig) -> tuple[int, int]:
+    """Return the rows and columns of cells that cover the largest picture."""
+    return -(-rig.height // CELL), -(-rig.width // CELL)
+
+
+def cell_rays(rig: CameraRig) -> np.ndarray:
+    """Return the world directions (V, rows, columns, 3), of depth 1, of the rays through the
+    middles of the cells; NaN where a lens shows nothing."""
+    rows, columns = cells(rig)
+    u, v = np.meshgrid(np.arange(columns), np.arange(rows))
+    pixels = (CELL * np.stack([u, v], -1) + (CELL - 1) / 2).reshape(-1, 2)
+    return np.stack([camera.rays(pixels).reshape(rows, columns, 3) for camera in rig])

@@ -66,16 +66,12 @@ def triangulate(
     )
 
 
-def intersect_rays(
-    origins: np.ndarray, directions: np.ndarray, seen: np.ndarray | None = None
-) -> np.ndarray:
+def intersect_rays(origins: np.ndarray, directions: np.ndarray) -> np.ndarray:
     """Return the points (..., 3) with the least sum of squared distances to rays from `origins`
-    (..., V, 3) along `directions` (..., V, 3), of any length; NaN where fewer than two are there.
-
-    seen: which rays (..., V) there are; by default all whose direction is finite.
-    """
+    (..., V, 3) along `directions` (..., V, 3), of any length, NaN where there is none; NaN where
+    fewer than two are there."""
     origins, directions = np.broadcast_arrays(origins, directions)
-    seen = np.isfinite(directions).all(axis=-1) if seen is None else seen
+    seen = np.isfinite(directions).all(axis=-1)
     unit = np.where(seen[..., None], directions, 1.0)
     unit = unit / np.linalg.norm(unit, axis=-1, keepdims=True)
     across = seen[..., None, None] * (np.eye(3) - unit[..., :, None] * unit[..., None, :])

@@ -19,7 +19,7 @@ from psfs.calibration.report import (
     judge_calibration,
     summarise_views,
 )
-from psfs.calibration.scene import rigid_transform
+from psfs.calibration.scene import align_to_cameras, align_to_floor, rigid_transform
 from psfs.calibration.start.motion_capture import read_measured_wand
 from psfs.calibration.targets.board_files import read_board
 from psfs.calibration.targets.boards import CharucoFinder, ChessboardFinder
@@ -33,7 +33,6 @@ from psfs.calibration.targets.detection import (
 )
 from psfs.calibration.targets.markers import MarkerFinder
 from psfs.calibration.targets.target import Sighting, make_wand
-from psfs.calibration.world import align_to_cameras, align_to_floor
 from psfs.cameras.calibration.toml_tables import write_toml_tables
 from psfs.cameras.camera import CameraRig
 from psfs.cameras.units import rotation_to_z_up

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 
 from cl import InputError
-from psfs.common.names import escape_unprintable
+from psfs.common.ranges import escape_unprintable
 
 if TYPE_CHECKING:
     from rich.console import Console

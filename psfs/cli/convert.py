@@ -2,11 +2,19 @@
 
 from __future__ import annotations
 
+import shutil
+from collections.abc import Sequence as Items
+from pathlib import Path
+
+import numpy as np
+
+from psfs.cameras.calibration.toml_tables import write_toml_tables
 from psfs.cameras.calibration.writers import write_calibration
 from psfs.cli.commandline import remark, stdout
+from psfs.common.files import write_atomically, write_toml
 from psfs.common.outputs import output_folder
+from psfs.footage.media import Media
 from psfs.opening import open_sequence
-from psfs.output.convert import write_native
 from psfs.request import ConvertRequest
 from psfs.sequence import Sequence
 
@@ -32,3 +40,48 @@ def _write_calibration(request: ConvertRequest, program: str, sequence: Sequence
     with output_folder(request.output, request.COMMAND, sequence.inputs, expected):
         written = write_calibration(request.output, sequence.rig, program)
     stdout.print(f"wrote {written}: {len(sequence.rig)} cameras for {program}")
+
+
+#: Settings that are copied; the calibration's unit and axes become metres and Z up.
+_COPIED_SETTINGS = ("fps", "background", "key", "threshold", "dilate", "erode", "sync", "subject")
+
+
+def write_native(sequence: Sequence, folder: Path) -> None:
+    """Write `calibration.toml`, `sequence.toml` and copies of the pictures, named after their
+    cameras.
+
+    The calibration is in metres, Z up, of the cameras in use. Raises InputError if `folder` cannot
+    be written.
+    """
+    write_toml_tables(folder / "calibration.toml", sequence.rig)
+    footage = sequence.footage
+    if footage.images:
+        kind = "videos" if footage.images[0].is_video else "images"
+        _copy(footage.images, sequence.rig.names, folder / kind)
+    if footage.masks:
+        _copy(footage.masks, sequence.rig.names, folder / "masks")
+    if footage.background:
+        _copy(footage.background, sequence.rig.names, folder / "background")
+    write_toml(folder / "sequence.toml", _settings(sequence))
+
+
+def _settings(sequence: Sequence) -> dict[str, object]:
+    """Return the settings that the files do not state themselves."""
+    values = {key: getattr(sequence.settings, key) for key in _COPIED_SETTINGS}
+    media = sequence.footage.images or sequence.footage.masks or ()
+    if values["fps"] is None and not any(item.fps for item in media):
+        values["fps"] = sequence.fps
+    if sequence.volume is not None:
+        values["volume"] = np.array(sequence.volume).tolist()
+    return {key: value for key, value in values.items() if value is not None}
+
+
+def _copy(media: Items[Media], names: Items[str], folder: Path) -> None:
+    """Copy a video or picture as NAME.suffix, several pictures into NAME/."""
+    for name, item in zip(names, media, strict=True):
+        several = len(item.paths) > 1 or folder.name in ("images", "masks")
+        for path in item.paths:
+            one = several and not item.is_video
+            target = folder / name / path.name if one else folder / f"{name}{path.suffix}"
+            with write_atomically(target) as temporary:
+                shutil.copyfile(path, temporary)

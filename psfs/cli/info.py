@@ -28,7 +28,7 @@ def run(request: InfoRequest) -> None:
     info = sequence_info(sequence)
     stdout.print(_cameras(info))
     stdout.print(_facts(sequence, info))
-    for note in info.notes:
+    for note in sequence.notes:
         remark("note", "cyan", note)
     if info.keypoints is not None:
         unasked = "not used unless asked for, with apf track --keypoints"
@@ -87,10 +87,11 @@ def _facts(sequence: Sequence, info: SequenceInfo) -> Table:
         low, high = info.shared
         shared = f"{_point(low)} to {_point(high)} m"
     facts = {
-        "folder": f"{sequence.folder} ({info.layout})",
-        "frames": f"{info.frames} at {info.fps:g} per second",
-        "background": info.background_kind,
-        "unit, up axis": f"{info.unit}, {info.up} (of the calibration; here metres, Z up)",
+        "folder": f"{sequence.folder} ({sequence.layout})",
+        "frames": f"{len(sequence)} at {sequence.fps:g} per second",
+        "background": sequence.background_kind,
+        "unit, up axis": f"{sequence.unit}, {sequence.settings.up or 'z'} (of the calibration; "
+        "here metres, Z up)",
         "axes meet at": f"{_point(info.centre)} m",
         "rig": f"{info.extent:.2f} m across",
         f"{info.needed} cameras see": shared,

@@ -64,7 +64,7 @@ def calibrate_from_person(request: PersonRequest) -> None:
             small, outlines, edges, views.fps, config,
             lambda items, total, name: bar.track(items, total, description=name),
         )  # fmt: skip
-    rig = enlarge_rig(large, small, found.rig)
+    rig = transfer_poses(large, small, found.rig)
     verdict = f"silhouettes differ by at most {found.misfits.max():.2f} px"
     write_person_calibration(request, views, rig, found, config, verdict)
 
@@ -122,14 +122,15 @@ def outline_footage(
             stopped.set()
 
 
-def enlarge_rig(large: list[Camera], small: list[Camera], found: CameraRig) -> CameraRig:
-    """Return the large cameras with the poses and the change of focal length of the small ones."""
-    cameras = []
-    for camera, before, after in zip(large, small, found, strict=True):
-        K = camera.K.copy()
-        K[[0, 0, 1], [0, 1, 1]] *= after.K[0, 0] / before.K[0, 0]
-        cameras.append(replace(camera, K=K, R=after.R, t=after.t))
-    return CameraRig(tuple(cameras))
+def transfer_poses(cameras: list[Camera], before: list[Camera], found: CameraRig) -> CameraRig:
+    """Return cameras with the poses, and the changes of focal lengths, that others had `before`
+    and as they were found."""
+    return CameraRig(
+        tuple(
+            replace(camera.refocused(after.K[0, 0] / own.K[0, 0]), R=after.R, t=after.t)
+            for camera, own, after in zip(cameras, before, found, strict=True)
+        )
+    )
 
 
 def write_person_calibration(

@@ -24,8 +24,8 @@ from typing import TYPE_CHECKING, Any, NoReturn
 
 from cl import InputError, UserError
 from psfs.cli.commandline import add_message_flags, has_log, log_line, messages
-from psfs.common.names import escape_unprintable
 from psfs.common.outputs import guard_files
+from psfs.common.ranges import escape_unprintable
 from psfs.common.system import (
     handle_signals,
     import_nothing_from_current_folder,
@@ -44,8 +44,6 @@ _SHELLS = ("bash", "zsh", "tcsh", "fish", "powershell")
 #: Values that begin with a minus, as in `--up -z` and `--volume -1,1,...`: argparse takes them for
 #: flags.
 _NEGATIVE = re.compile(r"-([xyz]$|[\d.])")
-#: What flags of these types take, for messages.
-_NUMBERS: dict[Any, str] = {float: "a number, such as 1.5", int: "a whole number"}
 
 
 @dataclass(frozen=True)
@@ -137,8 +135,10 @@ class CommandParser(argparse.ArgumentParser):
         except InputError as error:
             raise argparse.ArgumentError(action, str(error)) from None
         except ValueError:
-            if action.type in _NUMBERS:
-                expected = f"is {arg_string!r}; expected {_NUMBERS[action.type]}"
+            from psfs.common.requests import NUMBERS
+
+            if action.type in NUMBERS:
+                expected = f"is {arg_string!r}; expected {NUMBERS[action.type]}"
                 raise argparse.ArgumentError(action, expected) from None
         return super()._get_value(action, arg_string)
 
@@ -181,6 +181,8 @@ def _fill(parser: CommandParser, kind: type[Request]) -> None:
 
 
 def _add_option(target: Any, option: Option) -> None:
+    from psfs.common.requests import NUMBERS
+
     flag = option.flag
     texts: dict[str, Any] = {"help": flag.help.replace("%", "%%"), "default": argparse.SUPPRESS}
     names = [*([flag.short] if flag.short else []), f"--{option.name}"]
@@ -201,7 +203,7 @@ def _add_option(target: Any, option: Option) -> None:
     if flag.metavar:
         texts["metavar"] = flag.metavar
     kind = flag.parse or option.kind
-    target.add_argument(*names, type=kind if kind in _NUMBERS else option.parse, **texts)
+    target.add_argument(*names, type=kind if kind in NUMBERS else option.parse, **texts)
 
 
 def program_parser(

@@ -22,8 +22,7 @@ from pydantic.fields import FieldInfo
 from pydantic_core import PydanticCustomError
 
 from cl import InputError
-from psfs.common.names import SHOWN, escape_unprintable
-from psfs.common.ranges import LARGEST, SMALLEST, range_text
+from psfs.common.ranges import LARGEST, SHOWN, SMALLEST, escape_unprintable, range_text
 
 C = TypeVar("C", bound="Config")
 

@@ -1,17 +1,20 @@
-"""Read files of text and numbers, and write files atomically: under a temporary name, then
-renamed."""
+"""Read and write files of text, TOML and JSON. They are written atomically: under a temporary name,
+then renamed."""
 
 from __future__ import annotations
 
 import errno
 import json
 import os
+import sys
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, TextIO
 from xml.etree import ElementTree
+
+import tomli_w
 
 from cl import InputError, MissingFileError
 from psfs.common.outputs import check_file, claim, remember_file, temporary_name
@@ -218,3 +221,32 @@ def temporary_folder() -> Iterator[Path]:
     """Yield a new temporary folder, which is removed afterwards."""
     with TemporaryDirectory(prefix="psfs-apf-") as folder:
         yield Path(folder)
+
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+#: Largest file of settings, of a body or a calibration; one of 64 cameras takes less than 100 kB.
+MOST_TOML_BYTES = 4 * 2**20
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """Read a TOML file. Raises InputError if it is malformed, MissingFileError if it is absent."""
+    return parse_toml(read_text(path, "TOML", MOST_TOML_BYTES), path)
+
+
+def write_toml(path: Path, values: Mapping[str, object]) -> None:
+    """Write plain values. Raises InputError as `write_atomically` does."""
+    write_text(path, tomli_w.dumps(values))
+
+
+def parse_toml(text: str, source: str | Path) -> dict[str, object]:
+    """Parse TOML `text`. Raises InputError naming its `source` if it is malformed."""
+    try:
+        return tomllib.loads(text)
+    except RecursionError:
+        raise InputError(f"{source}: malformed TOML: nested too deeply") from None
+    except ValueError as error:  # malformed TOML, or numbers with too many digits
+        raise InputError(f"{source}: malformed TOML: {' '.join(str(error).split())}") from None

@@ -29,8 +29,7 @@ from psfs.common.config import (
     fields_below,
     part_kind,
 )
-from psfs.common.files import resolve_path, write_text
-from psfs.common.toml import read_toml
+from psfs.common.files import read_toml, resolve_path, write_text
 
 R = TypeVar("R", bound="Request")
 

@@ -19,8 +19,7 @@ from pydantic import (
 )
 
 from cl import InputError
-from psfs.common.names import SHOWN, check_name, escape_unprintable
-from psfs.common.ranges import LARGEST
+from psfs.common.ranges import LARGEST, SHOWN, check_name, escape_unprintable
 
 T = TypeVar("T")
 

@@ -18,6 +18,7 @@ from psfs.cameras.camera import CameraRig
 from psfs.cameras.rig_geometry import find_seen_box, required_cameras
 from psfs.common.numbers import pick_evenly
 from psfs.voxels.grid import VoxelGrid
+from psfs.voxels.occupied_box import CoarseSpace
 
 #: Most voxels of the grid around the person, and frames in which it is carved.
 _VOXELS, _FRAMES = 150_000, 12
@@ -64,11 +65,11 @@ class HullAgreement:
         self._wide = np.stack([[cv2.dilate(mask, square) for mask in row] for row in self.masks])
         box = find_seen_box(rig, required_cameras(len(rig), 0.5)) or find_seen_box(rig, 2)
         low, high = box or (np.full(3, -1.0), np.full(3, 1.0))
-        self._set_grid(low, high)
-        occupied = self._find_common(np.arange(len(rig)))
-        if occupied.any():
-            centres, edge = self.grid.centres(np.flatnonzero(occupied)), self.grid.voxel_size
-            self._set_grid(centres.min(0) - edge, centres.max(0) + edge)
+        self.space = self._make_space(low, high)
+        occupied = self.space.used[self._find_common(np.arange(len(rig)))]
+        if len(occupied):
+            centres, edge = self.space.grid.centres(occupied), self.space.grid.voxel_size
+            self.space = self._make_space(centres.min(0) - edge, centres.max(0) + edge)
 
     def measure(self, views: Sequence[int]) -> CameraAgreement:
         """Measure how the silhouettes of some cameras agree."""
@@ -96,31 +97,16 @@ class HullAgreement:
         return self.project(view, voxels[missing.sum(0) == 0])
 
     def project(self, view: int, voxels: np.ndarray) -> np.ndarray:
-        """Return the pixels (h, w) bool of a camera that the voxels (N,) cover."""
-        height, width = self.masks.shape[2:]
-        covered = np.zeros(height * width + 1, np.uint8)
-        covered[self._pixels[view, voxels]] = 1
-        square = np.ones((self._widths[view],) * 2, np.uint8)
-        return cv2.dilate(covered[:-1].reshape(height, width), square) > 0
+        """Return the pixels (h, w) bool of a camera that the voxels (N,) cover, and their rim."""
+        return self.space.cover(view, voxels, margin=2)
 
-    def _set_grid(self, low: np.ndarray, high: np.ndarray) -> None:
-        self.grid = VoxelGrid.covering(low, high, float(np.cbrt(np.prod(high - low) / _VOXELS)))
-        centres, edge = self.grid.centres(), self.grid.voxel_size
-        height, width = self.masks.shape[2:]
-        self._pixels = np.full((len(self.rig), len(centres)), height * width, np.int32)
-        for pixels, camera in zip(self._pixels, self.rig, strict=True):
-            inside, row, column, _ = camera.look_up(centres)
-            pixels[inside] = row * width + column
-        self._seen = self._pixels < height * width
-        depths = [(centres.mean(0) - c.centre) @ c.R[2] for c in self.rig]
-        self._widths = [
-            2 + int(np.clip(np.ceil(edge * c.K[0, 0] / max(z, edge)), 1, width))
-            for c, z in zip(self.rig, depths, strict=True)
-        ]
+    def _make_space(self, low: np.ndarray, high: np.ndarray) -> CoarseSpace:
+        grid = VoxelGrid.covering(low, high, float(np.cbrt(np.prod(high - low) / _VOXELS)))
+        return CoarseSpace(self.rig, grid, min_cameras=1)
 
     def _find_common(self, views: np.ndarray) -> np.ndarray:
         """Return the voxels (N,) bool that in a frame all cameras but one show."""
-        found = np.zeros(self.grid.size, bool)
+        found = np.zeros(len(self.space.used), bool)
         for frame in range(len(self.masks)):
             voxels, missing = self._find_candidates(frame, views)
             found[voxels[missing.sum(0) <= 1]] = True
@@ -129,8 +115,10 @@ class HullAgreement:
     def _find_candidates(self, frame: int, views: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the voxels (N,) that enough cameras see and of these all but two show, and which
         cameras (len(views), N) see them and show none."""
-        shown = np.stack([np.append(self._wide[frame, v], 0)[self._pixels[v]] > 0 for v in views])
-        missing = self._seen[views] & ~shown
+        pixels = self.space.pixels[views]
+        pairs = zip(self._wide[frame, views], pixels, strict=True)
+        shown = np.stack([np.append(wide, 0)[at] > 0 for wide, at in pairs])
+        missing = (pixels >= 0) & ~shown
         needed = max(1, min(2, len(views) - 1))
         voxels = np.flatnonzero((missing.sum(0) <= 2) & (shown.sum(0) >= needed))
         return voxels, missing[:, voxels]

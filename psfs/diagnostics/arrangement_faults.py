@@ -58,14 +58,14 @@ def find_rearranged(evidence: Evidence) -> Iterator[Fault]:
     late cameras do and, if it changes all cameras, more than a single one that is wrong.
     """
     tangency = evidence.tangency
-    before = tangency.compare()
+    before = tangency.unchanged
     if len(evidence.sound) < 2 or not math.isfinite(before.cost):
         return
     late = evidence.offsets.any()
-    tried = [*_try_flips(evidence, before), *_try_conventions(evidence)]
+    tried = [*_try_flips(evidence), *_try_conventions(evidence)]
     order = _find_order(evidence, before)
     if order != list(range(len(order))):
-        tried.append(_describe_exchange(evidence.names, order, tangency.compare(order)))
+        tried.append(_describe_exchange(evidence.names, order, _compare_order(tangency, order)))
     elif not late:
         tried += _try_lenses(evidence)
     alone = min((before.without(v) for v in evidence.sound), default=np.inf)
@@ -93,7 +93,7 @@ def _find_order(evidence: Evidence, before: PairSums) -> list[int]:
         for a, b in pairs:
             swapped = list(order)
             swapped[a], swapped[b] = order[b], order[a]
-            after = tangency.compare(swapped)
+            after = _compare_order(tangency, swapped)
             gain = before.measure_gain(after, (a, b))
             clear = significant(gain, _LEAST_GAIN, len(pairs))
             if clear and (best is None or after.cost < best[1].cost):
@@ -102,6 +102,11 @@ def _find_order(evidence: Evidence, before: PairSums) -> list[int]:
             break
         order, before = best
     return order
+
+
+def _compare_order(tangency: Tangency, order: list[int]) -> PairSums:
+    """Return the differences if camera v has the pictures of camera order[v]."""
+    return tangency.compare({v: tangency.see(v, o) for v, o in enumerate(order) if v != o})
 
 
 def _describe_exchange(names: list[str], order: list[int], after: PairSums) -> _Trial:
@@ -117,29 +122,28 @@ def _describe_exchange(names: list[str], order: list[int], after: PairSums) -> _
     return _Trial(Fault("exchange", cameras, text), wrong, after)
 
 
-def _try_flips(evidence: Evidence, before: PairSums) -> Iterator[_Trial]:
+def _try_flips(evidence: Evidence) -> Iterator[_Trial]:
     """Yield the flips of all pictures or of one camera's. The flips of a symmetric body look alike,
     so they change no cost."""
+    mirrored, turned = (-1, 1), (-1, -1)
     mends = {
-        "mirrored": "mirrored, left to right; flip them back",
-        "upside down": "upside down; turn them, and the background, by 180 degrees",
+        mirrored: "mirrored, left to right; flip them back",
+        turned: "upside down; turn them, and the background, by 180 degrees",
     }
     views, tangency, names = evidence.sound, evidence.tangency, evidence.names
-    every = tuple(names[view] for view in views)
-    text = f"the pictures of all cameras are {mends['mirrored']}"
-    yield _Trial(Fault("flipped", every, text), views, tangency.compare(mirrored=views))
-    for view in views if len(views) > 2 else ():
-        for flip, text in mends.items():
-            keys = {"mirrored": [view]} if flip == "mirrored" else {"turned": [view]}
-            text = f"the pictures of camera {names[view]} are {text}"
-            after = tangency.compare(base=before, **keys)
-            yield _Trial(Fault("flipped", (names[view],), text), [view], after)
+    single = [(signs, [view]) for view in views for signs in mends] if len(views) > 2 else []
+    for signs, flipped in ((mirrored, views), *single):
+        whose = f"camera {names[flipped[0]]}" if len(flipped) == 1 else "all cameras"
+        text = f"the pictures of {whose} are {mends[signs]}"
+        after = tangency.compare({view: tangency.see(view, view, signs) for view in flipped})
+        cameras = tuple(names[view] for view in flipped)
+        yield _Trial(Fault("flipped", cameras, text), flipped, after)
 
 
 def _try_conventions(evidence: Evidence) -> Iterator[_Trial]:
     for meaning, mend in CONVENTIONS.items():
         cameras = tuple(mend(camera) for camera in evidence.rig)
-        after = Tangency(CameraRig(cameras), evidence.tangency.outlines).compare()
+        after = Tangency(CameraRig(cameras), evidence.tangency.outlines).unchanged
         if math.isfinite(after.cost):
             text = (
                 f"the calibration fits only if {meaning}; write it as world to camera, x_cam = R x "
@@ -159,10 +163,10 @@ def _try_lenses(evidence: Evidence) -> Iterator[_Trial]:
     plain = [view for view, camera in enumerate(rig) if not camera.lens.any()]
 
     def compare(cameras: Iterable[Camera]) -> PairSums:
-        return Tangency(CameraRig(tuple(cameras)), evidence.tangency.outlines).compare()
+        return Tangency(CameraRig(tuple(cameras)), evidence.tangency.outlines).unchanged
 
     if len(plain) == len(rig):
-        focal = [compare(_scale(c, factor) for c in rig) for factor in _FOCAL_FACTORS]
+        focal = [compare(c.refocused(factor) for c in rig) for factor in _FOCAL_FACTORS]
         refocused = min(focal, key=lambda sums: sums.cost)
         for k1 in _DISTORTIONS:
             after = compare(_bend(camera, [k1, 0, 0, 0, 0]) for camera in rig)
@@ -186,12 +190,6 @@ def _try_lenses(evidence: Evidence) -> Iterator[_Trial]:
 
 def _bend(camera: Camera, distortion: object) -> Camera:
     return replace(camera, distortion=np.asarray(distortion, float))
-
-
-def _scale(camera: Camera, factor: float) -> Camera:
-    K = camera.K.copy()
-    K[[0, 0, 1], [0, 1, 1]] *= factor
-    return replace(camera, K=K)
 
 
 def find_late(evidence: Evidence) -> Iterator[Fault]:
@@ -232,7 +230,7 @@ def find_disagreeing(evidence: Evidence) -> Iterator[Fault]:
         return
     rows = agreement.own[np.isfinite(agreement.own).any(axis=1)]
     beside = np.nanmedian(rows, axis=1)
-    misfits = evidence.tangency.compare().blocks / CAP
+    misfits = evidence.tangency.unchanged.blocks / CAP
     if significant(beside, _BESIDE) or significant(misfits, _MISFIT):
         yield _explain_disagreement(evidence, float(np.mean(beside)) if len(beside) else 1.0)
 
@@ -278,20 +276,20 @@ def _accuse(evidence: Evidence, view: int, agreement: CameraAgreement, number: i
 def _explain_outlier(evidence: Evidence, view: int) -> str:
     """Return why a camera may disagree: the turn that makes it fit, if there is one."""
     tangency = evidence.tangency
-    before = tangency.turn(view, np.eye(3))
-    if math.isfinite(before.cost):
+
+    def turn(vector: np.ndarray) -> PairSums:
+        return tangency.compare({view: tangency.turn(view, cv2.Rodrigues(vector)[0])})
+
+    if math.isfinite(tangency.unchanged.cameras[view]):
         simplex = np.vstack([np.zeros(3), 0.05 * np.eye(3)])
         found = scipy.optimize.minimize(
-            lambda vector: tangency.turn(view, cv2.Rodrigues(vector)[0]).cost,
+            lambda vector: turn(vector).cameras[view],
             np.zeros(3),
             method="Nelder-Mead",
             options={"initial_simplex": simplex, "maxfev": 200, "xatol": 1e-3, "fatol": 1e-4},
         )
-        angle, after = (
-            float(np.linalg.norm(found.x)),
-            tangency.turn(view, cv2.Rodrigues(found.x)[0]),
-        )
-        gain = before.measure_gain(after, [view])
+        angle = float(np.linalg.norm(found.x))
+        gain = tangency.unchanged.measure_gain(turn(found.x), [view])
         if angle < 0.5 and significant(gain, 0.5):
             return (
                 f"it was turned by about {math.degrees(angle):.1f} degrees since its calibration, "

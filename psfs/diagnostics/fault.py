@@ -118,7 +118,7 @@ class Evidence:
             ]
             for frame in range(n)
         ]
-        return Tangency(self.rig, shifted).compare()
+        return Tangency(self.rig, shifted).unchanged
 
 
 def significant(samples: np.ndarray, least: float, tests: int = 1) -> bool:

@@ -19,7 +19,7 @@ from psfs.cameras.camera import Camera
 from psfs.common.least_squares import Parameters, Residuals, Slope, solve
 from psfs.common.progress import map_in_threads
 from psfs.diagnostics.frontier import SilhouetteContours
-from psfs.diagnostics.hulls import HullRays, PersonPlace, Sight, find_person
+from psfs.diagnostics.hulls import HullRays, find_person, measure_sight
 from psfs.diagnostics.medial_axes import OPPOSITE, MedialAxes
 from psfs.diagnostics.refinement import N_PARAMETERS, NOISE, Further, measure_points
 from psfs.footage.camera_times import INDEPENDENT_SHARE
@@ -64,32 +64,35 @@ class _Traced:
 
 @dataclass(frozen=True, eq=False)
 class LimbViews:
-    """Limbs' axes in the pictures of V cameras, and where these see the person."""
+    """Limbs' axes in the pictures of V cameras, and where these see the person, see
+    `measure_sight`."""
 
     axes: list[MedialAxes]
-    sights: list[Sight]
+    sights: np.ndarray
 
     @classmethod
     def create(cls, hulls: Sequence[HullRays], contours: Sequence[SilhouetteContours]) -> LimbViews:
         """Measure the axes in the contours of each view."""
         pairs = list(zip(hulls, contours, strict=True))
         axes = map_in_threads(lambda of: MedialAxes.create(of[0].camera, of[1]), pairs)
-        return cls(list(axes), [Sight.create(own) for own in hulls])
+        return cls(list(axes), np.stack([measure_sight(own) for own in hulls]))
 
     def find_points(self, cameras: Sequence[Camera], lags: np.ndarray) -> LimbPoints:
         """Return the points on axes on which cameras of these lags (V,) frames agree."""
-        person = find_person(cameras, self.sights)
-        return LimbPoints(cameras, lags, self.axes, person)
+        return LimbPoints(cameras, lags, self.axes, *find_person(cameras, self.sights))
 
 
 class LimbPoints:
-    """Measurements by points on limbs' axes, found by V cameras of `lags` (V,) frames."""
+    """Measurements by points on limbs' axes, found by V cameras of `lags` (V,) frames around the
+    person's middle (3,), within reach of the stature."""
 
     def __init__(
         self, cameras: Sequence[Camera], lags: np.ndarray, axes: Sequence[MedialAxes],
-        person: PersonPlace,
+        middle: np.ndarray, stature: float,
     ) -> None:  # fmt: skip
-        chosen = [_find_points(view, cameras, lags, axes, person) for view in range(len(cameras))]
+        chosen = [
+            _find_points(view, cameras, lags, axes, middle, stature) for view in range(len(cameras))
+        ]
         self._traced = _trace(cameras, lags, axes, chosen)
         self._items, self._views = np.nonzero(self._traced.known)
         if len(self):  # the depths that were tried are steps apart
@@ -144,23 +147,23 @@ class LimbPoints:
 
 def _find_points(
     view: int, cameras: Sequence[Camera], lags: np.ndarray, axes: Sequence[MedialAxes],
-    person: PersonPlace,
+    person: np.ndarray, stature: float,
 ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
     """Return indices (N,) of a camera's medial points and the points (N, 3) in space at whose depth
     most other cameras see an axis of the same width."""
     camera, own = cameras[view], axes[view]
-    if not np.isfinite(person.stature):  # nobody is seen wholly
+    if not np.isfinite(stature):  # nobody is seen wholly
         return np.zeros(0, int), np.zeros((0, 3))
     chosen = np.arange(0, len(own.frames), max(1, len(own.frames) // _PER_CAMERA))
-    middle = (person.middle - camera.centre) @ camera.R[2]
-    around, step = _AROUND * person.stature, _STEP * person.stature
+    middle = (person - camera.centre) @ camera.R[2]
+    around, step = _AROUND * stature, _STEP * stature
     depths = np.arange(max(step, middle - around), middle + around, step)
     if not len(chosen) or not len(depths):
         return np.zeros(0, int), np.zeros((0, 3))
     focal = camera.K[0, 0]
     rays = np.column_stack([own.places[chosen] / focal, np.ones(len(chosen))]) @ camera.R
     widths = own.widths[chosen][:, None] * depths / focal
-    sound = (widths > _THINNEST * person.stature) & (widths < _WIDEST * person.stature)
+    sound = (widths > _THINNEST * stature) & (widths < _WIDEST * stature)
     tried, widths = np.flatnonzero(sound), widths[sound]
     of_ray, of_depth = np.divmod(tried, len(depths))
     points = camera.centre + rays[of_ray] * depths[of_depth, None]
@@ -180,7 +183,7 @@ def _find_points(
         costs.flat[tried[met]] -= np.where(agree, 1 - away**2, 0)
         votes.flat[tried[met]] += agree
     best, rows = costs.argmin(axis=1), np.arange(len(chosen))
-    another = np.abs(depths - depths[best][:, None]) > _APART * person.stature
+    another = np.abs(depths - depths[best][:, None]) > _APART * stature
     lead = np.where(another, costs, 0).min(axis=1) - costs[rows, best]
     kept = np.isfinite(costs[rows, best]) & (votes[rows, best] >= _VIEWS)
     kept &= lead > _LEAD

@@ -88,9 +88,8 @@ def correct_cameras(cameras: Iterable[Camera], corrections: np.ndarray) -> tuple
 def correct_camera(camera: Camera, correction: np.ndarray) -> Camera:
     """Return the camera, corrected by (8,) as in `RigCorrections`; its time is not the camera's."""
     R = cv2.Rodrigues(correction[:3])[0] @ camera.R
-    K = camera.K.copy()
-    K[[0, 0, 1], [0, 1, 1]] *= np.exp(correction[6])
-    return replace(camera, K=K, R=R, t=-R @ (camera.centre + correction[3:6]))
+    placed = replace(camera, R=R, t=-R @ (camera.centre + correction[3:6]))
+    return placed.refocused(float(np.exp(correction[6])))
 
 
 def measure_points(

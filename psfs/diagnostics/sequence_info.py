@@ -49,26 +49,19 @@ class CameraFacts:
 
 @dataclass(frozen=True)
 class SequenceInfo:
-    """Facts of a sequence.
+    """What follows from a sequence's files.
 
     centre: (3,) m, where the optical axes meet. shared: box (low, high), m, that `needed` cameras
-    see, or None. extent: m between the rig's farthest cameras. notes: what was guessed or left out
-    when reading. warnings: likely errors. keypoints: file or folder that seems to hold 2-D
-    keypoints of a pose network, or None; nothing here reads it.
+    see, or None. extent: m between the rig's farthest cameras. warnings: likely errors. keypoints:
+    file or folder that seems to hold 2-D keypoints of a pose network, or None; nothing here reads
+    it.
     """
 
     cameras: list[CameraFacts]
-    frames: int
-    fps: float
-    layout: str
-    background_kind: str
-    unit: str
-    up: str
     centre: np.ndarray
     shared: tuple[np.ndarray, np.ndarray] | None
     needed: int
     extent: float
-    notes: list[str]
     warnings: list[str]
     keypoints: Path | None
 
@@ -89,20 +82,12 @@ def sequence_info(sequence: Sequence) -> SequenceInfo:
         )
         for camera, pictures in zip(rig, media, strict=True)
     ]
-    settings = sequence.settings
     return SequenceInfo(
         cameras=cameras,
-        frames=len(sequence),
-        fps=sequence.fps,
-        layout=sequence.layout,
-        background_kind=sequence.background_kind,
-        unit=str(sequence.unit),
-        up=settings.up or "z",
         centre=centre,
         shared=find_seen_box(rig, needed),
         needed=needed,
         extent=rig_extent(rig),
-        notes=sequence.notes,
         warnings=[*_count_warnings(sequence), *rig_warnings(rig)],
         keypoints=find_keypoints(sequence.folder),
     )

@@ -8,8 +8,9 @@ needs only a few convex hulls, no voxels and no matched points.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import combinations
 
 import numpy as np
@@ -25,6 +26,7 @@ from psfs.footage.camera_times import (
     compare_signals,
     estimate_times,
     mean_costs,
+    sum_costs,
 )
 
 #: Cap of the differences between planes, as a share of the person's size: larger differences count
@@ -39,8 +41,8 @@ _NEAREST = 0.3
 #: Differences of planes up to this are noise, as a share of the person's size: silhouettes of
 #: somebody who keeps still agree at any offset.
 NOISE = 0.003
-#: Signs of a picture's axes (x, y); -1 flips the axis.
-AxisSigns = tuple[int, int]
+#: Hulls, and the directions (N, 3) in which a camera sees their corners.
+Image = tuple[HullRays, np.ndarray]
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,96 +109,79 @@ class Tangency:
     """
 
     def __init__(self, rig: CameraRig, outlines: list[list[Outline | None]]) -> None:
-        self.rig, self.outlines, self.n_frames = rig, outlines, len(outlines)
-        self._images = [
-            HullRays(camera, [row[v] for row in outlines]) for v, camera in enumerate(rig)
-        ]
-        self._target = intersect_axes_ahead(rig)
-        self._planes: dict[tuple[int, int, int, AxisSigns], np.ndarray] = {}
-        self._rays: dict[tuple[int, int, AxisSigns], np.ndarray] = {}
-        self._axes: dict[tuple[int, int], tuple[np.ndarray, np.ndarray, float]] = {}
+        self.rig, self.outlines = rig, outlines
+        self._hulls = [HullRays(c, [row[v] for row in outlines]) for v, c in enumerate(rig)]
+        self._images = [self.see(view, view) for view in range(len(rig))]
+        scene = intersect_axes_ahead(rig)
+        self._baselines = {
+            (a, b): look_along_baseline(rig[a], rig[b], scene)[1:]
+            for a, b in combinations(range(len(rig)), 2)
+        }
+        self._planes: dict[tuple[int, int], np.ndarray] = {}
         spans = [
             np.nanmedian(np.diff(planes))
-            for a in range(len(rig))
-            for b in range(len(rig))
-            if a != b and np.isfinite(np.diff(planes := self.planes(a, a, b))).any()
+            for pair in self._baselines
+            for planes in (self.find_planes(*pair), self.find_planes(*pair[::-1]))
+            if np.isfinite(np.diff(planes)).any()
         ]
         self.size = float(np.median(spans)) if spans else float("nan")
 
-    def planes(self, camera: int, image: int, other: int, way: AxisSigns = (1, 1)) -> np.ndarray:
-        """Return the positions (F, 2) of the extreme planes through the line from `camera` to
-        `other` that touch the outlines of `image`.
+    def see(self, view: int, other: int, signs: tuple[int, int] = (1, 1)) -> Image:
+        """Return the image of a camera that has the pictures of the `other` camera. signs: of a
+        picture's axes (x, y); -1 flips the axis."""
+        hulls, last = self._hulls[other], np.array(self.rig[view].size) - 1
+        return hulls, self.rig[view].rays(
+            np.where(np.less(signs, 0), last, 0) + signs * hulls.pixels
+        )
+
+    def turn(self, view: int, rotation: np.ndarray) -> Image:
+        """Return the image of a camera whose rays were turned by `rotation` (3, 3)."""
+        hulls, rays = self._images[view]
+        return hulls, rays @ rotation.T
+
+    def find_planes(self, view: int, other: int, image: Image | None = None) -> np.ndarray:
+        """Return the positions (F, 2) of the extreme planes through the line from one camera to
+        another that touch the outlines of the first one's image.
 
         Positions are measured at the scene, in the rig's unit. NaN if there is no outline, or if it
-        touches the picture's border there. way: sign -1 flips the picture along that axis (x, y).
+        touches the picture's border there.
         """
-        key = camera, image, other, way
-        if key not in self._planes:
-            rays = self.rays(camera, image, way)
-            self._planes[key] = self._extreme_planes(image, rays, camera, other)
-        return self._planes[key]
+        if image is None and (view, other) in self._planes:
+            return self._planes[view, other]
+        hulls, rays = image or self._images[view]
+        axes, distance = self._baselines[min(view, other), max(view, other)]
+        flat = rays @ axes
+        planes = distance * hulls.extremes(np.arctan2(flat[:, 1], flat[:, 0]), _WIDEST)
+        if image is None:
+            self._planes[view, other] = planes
+        return planes
 
-    def rays(self, camera: int, image: int, way: AxisSigns = (1, 1)) -> np.ndarray:
-        """Return the directions (N, 3) of all points of an image's outlines."""
-        key = camera, image, way
-        if key not in self._rays:
-            own, points = self.rig[camera], self._images[image].pixels
-            turned = np.where(np.less(way, 0), np.array(own.size) - 1 - points, points)
-            self._rays[key] = own.rays(turned) if len(points) else np.zeros((0, 3))
-        return self._rays[key]
-
-    def compare(
-        self,
-        order: Sequence[int] | None = None,
-        mirrored: Sequence[int] = (),
-        turned: Sequence[int] = (),
-        base: PairSums | None = None,
-    ) -> PairSums:
-        """Compare all pairs under an assumption: camera v has the pictures of camera order[v],
-        those of `mirrored` cameras flipped left to right,
-        those of `turned` ones upside down. base: of the same order without flips; only
-        pairs of flipped cameras are compared again."""
-        order = order or range(len(self.rig))
-        ways = {**dict.fromkeys(mirrored, (-1, 1)), **dict.fromkeys(turned, (-1, -1))}
-
-        def planes(camera: int, other: int) -> np.ndarray:
-            return self.planes(camera, order[camera], other, ways.get(camera, (1, 1)))
-
-        return self._compare_pairs(planes, None if base is None else list(ways), base)
-
-    def turn(self, camera: int, rotation: np.ndarray) -> PairSums:
-        """Compare the pairs of one camera after its rays were turned by `rotation` (3, 3)."""
-        rays = self.rays(camera, camera) @ rotation.T
-
-        def planes(view: int, other: int) -> np.ndarray:
-            if view == camera:
-                return self._extreme_planes(camera, rays, camera, other)
-            return self.planes(view, view, other)
-
-        return self._compare_pairs(planes, [camera])
-
-    def _compare_pairs(
-        self,
-        planes: Callable[[int, int], np.ndarray],
-        views: Sequence[int] | None = None,
-        base: PairSums | None = None,
-    ) -> PairSums:
-        """Compare the planes (F, 2) of pairs of cameras: of all, or of those with one of `views`;
-        the others are those of `base`."""
+    @cached_property
+    def unchanged(self) -> PairSums:
+        """The differences between all pairs of cameras."""
         n = len(self.rig)
-        sums, counts = np.zeros((BLOCKS, n, n)), np.zeros((BLOCKS, n, n))
-        if base is not None:
-            sums, counts = base.sums.copy(), base.counts.copy()
-        for a, b in combinations(range(n), 2):
-            if (views is None or a in views or b in views) and self.comparable(a, b):
-                apart, there = self._difference(planes(a, b), planes(b, a))
+        nothing = PairSums(np.zeros((BLOCKS, n, n)), np.zeros((BLOCKS, n, n)))
+        return self._compare(nothing, dict.fromkeys(range(n)))
+
+    def compare(self, changes: Mapping[int, Image]) -> PairSums:
+        """Return the differences if some cameras had other images."""
+        return self._compare(self.unchanged, changes)
+
+    def _compare(self, base: PairSums, changes: Mapping[int, Image | None]) -> PairSums:
+        sums, counts = base.sums.copy(), base.counts.copy()
+        for a, b in self._baselines:
+            if (a in changes or b in changes) and self.comparable(a, b):
+                planes = (
+                    self.find_planes(a, b, changes.get(a)), self.find_planes(b, a, changes.get(b))
+                )  # fmt: skip
+                apart, there = self._difference(*planes)
                 sums[:, a, b] = sums[:, b, a] = apart
                 counts[:, a, b] = counts[:, b, a] = there
         return PairSums(sums, counts)
 
     def comparable(self, a: int, b: int) -> bool:
         """Return whether the line between two cameras passes far enough from the scene."""
-        return self._axis(a, b)[2] >= _NEAREST * self.size
+        return self._baselines[a, b][1] >= _NEAREST * self.size
 
     def measure_times(self, most: int) -> CameraTimes:
         """Estimate the cameras' offsets of up to `most` frames from the motion of their planes."""
@@ -215,9 +200,9 @@ class Tangency:
     def _compare_motions(self, most: int) -> PairCosts:
         """Return the costs of the pairs of cameras at offsets of up to `most` frames."""
         costs: dict[tuple[int, int], np.ndarray] = {}
-        for a, b in combinations(range(len(self.rig)), 2):
+        for a, b in self._baselines:
             if self.comparable(a, b):
-                pair = self.planes(a, a, b) / self.size, self.planes(b, b, a) / self.size
+                pair = self.find_planes(a, b) / self.size, self.find_planes(b, a) / self.size
                 table = compare_signals(*pair, most, CAP)
                 if table[..., 1].any():
                     costs[a, b] = table
@@ -226,25 +211,5 @@ class Tangency:
     def _difference(self, a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return sums and numbers (B,) of the differences of planes (F, 2), each at most `CAP`, as
         shares of the person's size, in stretches of frames."""
-        apart = np.abs(a - b) / max(self.size, 1e-12)
-        known = np.isfinite(apart)
-        starts = np.linspace(0, len(a), min(BLOCKS, len(a)) + 1).astype(int)[:-1]
-        parts = np.where(known, np.minimum(apart, CAP), 0).sum(1), known.sum(1)
-        sums, counts = np.zeros(BLOCKS), np.zeros(BLOCKS)
-        sums[: len(starts)], counts[: len(starts)] = (np.add.reduceat(x, starts) for x in parts)
-        return sums, counts
-
-    def _axis(self, a: int, b: int) -> tuple[np.ndarray, np.ndarray, float]:
-        """Return two directions perpendicular to the line between two cameras, the first towards
-        the scene, and the scene's distance from the line."""
-        pair = min(a, b), max(a, b)
-        if pair not in self._axes:
-            first, second = (self.rig[view] for view in pair)
-            _, axes, distance = look_along_baseline(first, second, self._target)
-            self._axes[pair] = axes[:, 0], axes[:, 1], distance
-        return self._axes[pair]
-
-    def _extreme_planes(self, image: int, rays: np.ndarray, camera: int, other: int) -> np.ndarray:
-        first, second, distance = self._axis(camera, other)
-        angles = np.arctan2(rays @ second, rays @ first)
-        return distance * self._images[image].extremes(angles, _WIDEST)
+        table = sum_costs((a - b).T[:, None] / max(self.size, 1e-12), CAP)[0]
+        return tuple(np.pad(table, ((0, BLOCKS - len(table)), (0, 0))).T)

@@ -1,14 +1,14 @@
-"""When each camera took its pictures: one estimate of offsets from whichever evidence there is.
+"""When each camera took its pictures, from whichever evidence there is.
 
 Two kinds of evidence tell the offset between two cameras: costs at every whole offset (of signals
 that both show, such as silhouettes, keypoints or the height of a head), and offsets measured with
-a deviation (sound, time stamps). `estimate_times` combines all of them: whole offsets of the
-greatest likelihood, then weighted least squares around these for the fractions.
+a deviation (sound). `estimate_times` finds the whole offsets of the greatest likelihood by costs,
+and measures fractions around these; `combine_offsets` combines measured ones.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -102,17 +102,15 @@ def mean_costs(table: np.ndarray) -> np.ndarray:
     return np.where(enough, sums / np.maximum(counts, 1), np.nan)
 
 
-def estimate_times(
-    n_cameras: int, costs: PairCosts, measured: Sequence[MeasuredOffset] = (), noise: float = 1e-9
-) -> CameraTimes:
-    """Estimate the cameras' offsets from all evidence.
+def estimate_times(n_cameras: int, costs: PairCosts, noise: float = 1e-9) -> CameraTimes:
+    """Estimate the cameras' offsets.
 
     noise: mean difference up to which signals agree. Differences are taken to be Laplace
     distributed with an unknown scale, so the log-likelihood of an offset is -n log(mean + noise).
     """
     tables = {pair: _measure_likelihood(table, noise) for pair, table in costs.items()}
-    whole = _choose_whole_offsets(n_cameras, tables, measured)
-    offsets, sigmas = combine_offsets(n_cameras, [*_measure_fractions(tables, whole), *measured])
+    whole = _choose_whole_offsets(n_cameras, tables)
+    offsets, sigmas = combine_offsets(n_cameras, _measure_fractions(tables, whole))
     chances = np.ones(n_cameras)
     for view in np.flatnonzero(whole):
         if any(view in pair for pair in tables):
@@ -155,32 +153,29 @@ def _measure_likelihood(table: np.ndarray, noise: float) -> np.ndarray:
 
 
 def _choose_whole_offsets(
-    n_cameras: int,
-    tables: Mapping[tuple[int, int], np.ndarray],
-    measured: Sequence[MeasuredOffset],
+    n_cameras: int, tables: Mapping[tuple[int, int], np.ndarray]
 ) -> np.ndarray:
     """Return the whole offsets (V,) of the greatest likelihood, whose median is 0.
 
     From no offsets and from the offsets to each camera in turn, one camera after another is moved
     while that helps. A camera whose offset would be the longest that was tried gets none.
     """
-    start = np.round(combine_offsets(n_cameras, measured)[0]).astype(int)
     most = max((len(table) // 4 for table in tables.values()), default=0)
-    starts = [start]
+    starts = [np.zeros(n_cameras, int)]
     for root in range(n_cameras):
-        offsets = start.copy()
+        offsets = np.zeros(n_cameras, int)
         for a, b in tables:
             if root in (a, b):
                 least = int(tables[a, b].argmin()) - len(tables[a, b]) // 2
                 offsets[a + b - root] = offsets[root] + (least if root == a else -least)
         starts.append(np.clip(offsets, -most, most))
     span = np.arange(-most, most + 1)
-    best = start, np.inf
+    best = starts[0], np.inf
     for offsets in starts if tables else ():
         cost = np.inf
         while True:
             for view in range(n_cameras):
-                curve = _sum_curves(view, offsets, span, tables, measured)
+                curve = _sum_curves(view, offsets, span, tables)
                 offsets[view] = span[int(curve.argmin())]
             pairs = tables.items()
             total = float(sum(_look_up(t, offsets[b] - offsets[a]) for (a, b), t in pairs))
@@ -190,7 +185,7 @@ def _choose_whole_offsets(
         if cost < best[1]:
             best = offsets.copy(), cost
     whole = best[0] - round(float(np.median(best[0])))
-    return np.where(np.abs(whole) < max(most, 1) if tables else True, whole, 0)
+    return np.where(np.abs(whole) < max(most, 1), whole, 0)
 
 
 def _sum_curves(
@@ -198,17 +193,12 @@ def _sum_curves(
     offsets: np.ndarray,
     span: np.ndarray,
     tables: Mapping[tuple[int, int], np.ndarray],
-    measured: Sequence[MeasuredOffset],
 ) -> np.ndarray:
     """Return the negative log-likelihoods (L,) of a camera's offsets `span` (L,)."""
     curve = np.zeros(len(span))
     for (a, b), table in tables.items():
         if view in (a, b):
             curve += _look_up(table, span - offsets[a] if view == b else offsets[b] - span)
-    for m in measured:
-        if view in (m.a, m.b):
-            apart = span - offsets[m.a] if view == m.b else offsets[m.b] - span
-            curve += 0.5 * ((apart - m.offset) / m.sigma) ** 2
     return curve
 
 
@@ -247,7 +237,7 @@ def _test_offset(
     agreeing = 0
     for fold in range(_FOLDS):
         part = {pair: _measure_likelihood(of[:, fold::_FOLDS], 1e-9) for pair, of in own.items()}
-        curve = _sum_curves(view, whole, span, part, ())
+        curve = _sum_curves(view, whole, span, part)
         agreeing += bool(np.ptp(curve) > 0) and abs(span[int(curve.argmin())] - whole[view]) <= 1
     # One of them agrees because the offset was estimated from it, too.
     return float(scipy.special.bdtrc(agreeing - 2, _FOLDS - 1, 3 / len(span)))

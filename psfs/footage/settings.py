@@ -11,8 +11,8 @@ from pydantic import ValidationInfo, field_validator
 
 from cl import InputError
 from psfs.common.config import Config, setting
-from psfs.common.names import check_name
-from psfs.common.toml import read_toml
+from psfs.common.files import read_toml
+from psfs.common.ranges import check_name
 
 #: How silhouettes are made. "gaussian": background model from pictures of the empty scene
 #: (`background/`); "frames": the same, estimated from the sequence's own frames; "masks": given

@@ -11,8 +11,8 @@ import numpy as np
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.footprints import voxel_footprints
 from psfs.common.colours import CLAY
-from psfs.common.names import escape_unprintable
 from psfs.common.numbers import pick_evenly
+from psfs.common.ranges import escape_unprintable
 from psfs.sequence import Frame
 from psfs.voxels.clouds import coarsen, estimate_normals
 from psfs.voxels.grid import VoxelCloud

@@ -5,7 +5,7 @@ from __future__ import annotations
 import html
 from collections.abc import Iterable, Sequence
 
-from psfs.common.names import escape_unprintable
+from psfs.common.ranges import escape_unprintable
 
 _CELL = "padding:1px 8px 1px 0;vertical-align:top;white-space:nowrap"
 #: Least time between two changes of a page, s: browsers draw whole panels again.

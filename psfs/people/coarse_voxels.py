@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 import scipy
 
@@ -103,19 +102,11 @@ class CoarseVoxels(CoarseSpace):
         because a shadow can have a large share in one camera."""
         shares = [0.0, 0.0]
         for view in range(len(self.rig)):
-            own, rest = (self._find_covered(view, those) for those in (voxels, others))
+            own, rest = (self.cover(view, self.rows[those]) for those in (voxels, others))
             if own.any():
                 free = own & ~rest & (evidence[view] > 0)
                 shares.append(float(free.sum() / own.sum()))
         return sorted(shares)[-2]
-
-    def _find_covered(self, view: int, voxels: np.ndarray) -> np.ndarray:
-        at = self.pixels[view, self.rows[voxels]]
-        shown = np.zeros(self.rig.height * self.rig.width, np.uint8)
-        shown[at[at >= 0]] = 1
-        width = self.widths[view]
-        picture = shown.reshape(self.rig.height, self.rig.width)
-        return cv2.dilate(picture, np.ones((width, width), np.uint8)) > 0
 
     def measure_colours(
         self, images: np.ndarray, evidence: np.ndarray, parts: list[np.ndarray]

@@ -7,8 +7,9 @@ from dataclasses import dataclass, field
 import numpy as np
 import scipy
 
-from psfs.common.matching import match_pairs
+from psfs.common.numbers import match_pairs
 from psfs.people.coarse_voxels import DEBRIS, CoarseFrame, count_least_voxels
+from psfs.voxels.division import BANDS, LEVELS
 from psfs.voxels.grid import VoxelGrid
 
 #: Greatest speed of a person, m/s.
@@ -45,15 +46,24 @@ class Trajectory:
     """Trajectory of a person or an object.
 
     voxels: flat indices, by frame. touching: frames in which another one shared the region.
+    colours: histograms (BANDS, LEVELS^3), by frame, in some frames. unexplained: share of the
+    silhouettes that nobody else explains (see `CoarseVoxels.measure_unexplained`), by frame.
     """
 
     voxels: dict[int, np.ndarray] = field(default_factory=dict)
     touching: set[int] = field(default_factory=set)
+    colours: dict[int, np.ndarray] = field(default_factory=dict)
+    unexplained: dict[int, float] = field(default_factory=dict)
 
     @property
     def frames(self) -> np.ndarray:
         """Numbers (F,) of its frames, ascending."""
         return np.array(sorted(self.voxels))
+
+    def sum_colours(self, first: float = -np.inf, last: float = np.inf) -> np.ndarray:
+        """Return the sum of the colours in frames from `first` to `last`."""
+        inside = [of for index, of in self.colours.items() if first <= index <= last]
+        return sum(inside, np.zeros((BANDS, LEVELS**3)))
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Sequence
+from itertools import combinations
 from typing import TypeVar
 
 import numpy as np
 
-from psfs.common.matching import match_pairs
+from psfs.common.numbers import match_pairs
 from psfs.people.coarse_voxels import measure_similarity
 from psfs.people.following import (
     APART,
@@ -20,13 +20,10 @@ from psfs.people.following import (
     Trajectory,
     find_middle,
 )
-from psfs.voxels.division import BANDS, LEVELS
 from psfs.voxels.grid import VoxelGrid
 
 T = TypeVar("T")
 
-#: Cost of two trajectories that cannot be of the same person.
-_IMPOSSIBLE = 1e3
 #: A trajectory that begins so soon, s, after another one's end, and nearer than two people can be,
 #: goes on with it, whatever its colours and size.
 _SOON = 0.5
@@ -50,44 +47,26 @@ _CONTACT = 0.9
 _LOOKS, _CROUCHING = 15, 0.8
 
 
-@dataclass(eq=False)
-class Appearance:
-    """The appearance of a trajectory in some frames: its colours (BANDS, K) by frame, and the share
-    of its silhouettes that nobody else explains (see `CoarseVoxels.measure_unexplained`) by
-    frame."""
-
-    colours: dict[int, np.ndarray] = field(default_factory=dict)
-    unexplained: dict[int, float] = field(default_factory=dict)
-
-    def sum_colours(self, first: float, last: float) -> np.ndarray:
-        """Return the sum of the colours in frames from `first` to `last`."""
-        inside = [of for index, of in self.colours.items() if first <= index <= last]
-        return sum(inside, np.zeros((BANDS, LEVELS**3)))
-
-
-Appearances = dict[Trajectory, Appearance]
-
-
 def count_voxels(one: Trajectory) -> float:
     """Return the median number of voxels."""
     return float(np.median([len(of) for of in one.voxels.values()])) if one.voxels else 0.0
 
 
-def undo_swaps(seen: Appearances, window: float) -> None:
+def undo_swaps(ones: Sequence[Trajectory], window: float) -> None:
     """Exchange two trajectories from a contact on, where their colours before and after it, within
     `window` frames, say that they were mistaken for one another."""
-    ones = list(seen)
-    for k, first in enumerate(ones):
-        for second in ones[k + 1 :]:
-            for start, stop in _find_contacts(first.touching & second.touching, window / 4):
-                before, after = (start - window, start - 1), (stop + 1, stop + window)
-                a, b = (seen[one].sum_colours(*before) for one in (first, second))
-                c, d = (seen[one].sum_colours(*after) for one in (first, second))
-                if not all(of.any() for of in (a, b, c, d)):
-                    continue
-                kept = measure_similarity(a, c) + measure_similarity(b, d)
-                if measure_similarity(a, d) + measure_similarity(b, c) > kept + _SWAP_GAIN:
-                    _exchange(first, second, seen, stop)
+    for first, second in combinations(ones, 2):
+        for start, stop in _find_contacts(first.touching & second.touching, window / 4):
+            before, after = (start - window, start - 1), (stop + 1, stop + window)
+            a, b = (one.sum_colours(*before) for one in (first, second))
+            c, d = (one.sum_colours(*after) for one in (first, second))
+            if not all(of.any() for of in (a, b, c, d)):
+                continue
+            kept = measure_similarity(a, c) + measure_similarity(b, d)
+            if measure_similarity(a, d) + measure_similarity(b, c) > kept + _SWAP_GAIN:
+                _exchange_after(first.voxels, second.voxels, stop)
+                _exchange_after(first.colours, second.colours, stop)
+                _exchange_after(first.unexplained, second.unexplained, stop)
 
 
 def _find_contacts(touching: Iterable[int], gap: float) -> list[tuple[int, int]]:
@@ -99,14 +78,6 @@ def _find_contacts(touching: Iterable[int], gap: float) -> list[tuple[int, int]]
     return [(int(run[0]), int(run[-1])) for run in runs]
 
 
-def _exchange(first: Trajectory, second: Trajectory, seen: Appearances, after: int) -> None:
-    """Exchange all that two trajectories have in the frames after `after`."""
-    ours, theirs = seen[first], seen[second]
-    _exchange_after(first.voxels, second.voxels, after)
-    _exchange_after(ours.colours, theirs.colours, after)
-    _exchange_after(ours.unexplained, theirs.unexplained, after)
-
-
 def _exchange_after(first: dict[int, T], second: dict[int, T], after: int) -> None:
     late = [{index: of for index, of in one.items() if index > after} for one in (first, second)]
     for one, own, other in ((first, *late), (second, *late[::-1])):
@@ -115,59 +86,50 @@ def _exchange_after(first: dict[int, T], second: dict[int, T], after: int) -> No
         one.update(other)
 
 
-def join_returning(seen: Appearances, grid: VoxelGrid, fps: float) -> Appearances:
+def join_returning(ones: Sequence[Trajectory], grid: VoxelGrid, fps: float) -> list[Trajectory]:
     """Join trajectories of one person who left and came back, or was lost for some frames: the
     most alike first (Hungarian method), again until none is left."""
-    joined = dict(seen)
+    ones = sorted(ones, key=lambda one: int(one.frames[0]))
     while True:
-        ones = sorted(joined, key=lambda one: int(one.frames[0]))
-        costs = np.full((len(ones), len(ones)), _IMPOSSIBLE)
+        costs = np.full((len(ones), len(ones)), np.inf)
         for i, early in enumerate(ones):
             for j, late in enumerate(ones):
                 if early.frames[-1] < late.frames[0]:
-                    costs[i, j] = _measure_cost(early, late, joined, grid, fps)
-        pairs = match_pairs(costs, _IMPOSSIBLE)
+                    costs[i, j] = _measure_cost(early, late, grid, fps)
+        pairs = match_pairs(costs)
         if not pairs:
-            return joined
+            return ones
         i, j = min(pairs, key=lambda pair: costs[pair])
-        ones[i].voxels.update(ones[j].voxels)
-        ones[i].touching.update(ones[j].touching)
-        joined[ones[i]].colours.update(joined[ones[j]].colours)
-        joined[ones[i]].unexplained.update(joined[ones[j]].unexplained)
-        del joined[ones[j]]
+        joined, other = ones[i], ones.pop(j)
+        joined.voxels.update(other.voxels)
+        joined.touching.update(other.touching)
+        joined.colours.update(other.colours)
+        joined.unexplained.update(other.unexplained)
 
 
-def _measure_cost(
-    early: Trajectory,
-    late: Trajectory,
-    seen: Appearances,
-    grid: VoxelGrid,
-    fps: float,
-) -> float:
-    """Return how unlike both are, `_IMPOSSIBLE` where they cannot be the same person."""
+def _measure_cost(early: Trajectory, late: Trajectory, grid: VoxelGrid, fps: float) -> float:
+    """Return how unlike both are, infinity where they cannot be the same person."""
     last, first = int(early.frames[-1]), int(late.frames[0])
     seconds = (first - last) / fps
     ends = grid.centres(early.voxels[last]), grid.centres(late.voxels[first])
     apart = float(np.linalg.norm(find_middle(ends[0]) - find_middle(ends[1])))
     if apart > SPEED * seconds + REACH:
-        return _IMPOSSIBLE
-    alike = measure_similarity(
-        seen[early].sum_colours(-np.inf, np.inf), seen[late].sum_colours(-np.inf, np.inf)
-    )
+        return np.inf
+    alike = measure_similarity(early.sum_colours(), late.sum_colours())
     size = abs(np.log(count_voxels(early) / count_voxels(late)))
     at_once = seconds < _SOON and apart < APART
     if not at_once and (alike < _LIKENESS or size > _SIZE):
-        return _IMPOSSIBLE
+        return np.inf
     return 1 - alike + _SIZE_WEIGHT * size + min(apart, 1.0) * _DISTANCE_WEIGHT
 
 
-def is_person(one: Trajectory, looks: Appearance, grid: VoxelGrid, largest: float) -> bool:
+def is_person(one: Trajectory, grid: VoxelGrid, largest: float) -> bool:
     """Return whether a trajectory is a second person beside one of `largest` volume."""
     if count_voxels(one) < _LEAST_SHARE * largest:
         return False
     if np.median(_find_ends(one, grid)[:, 0]) > LOWEST:
         return False
-    shares = list(looks.unexplained.values())
+    shares = list(one.unexplained.values())
     explained = bool(shares) and float(np.median(shares)) < _UNEXPLAINED
     return is_tall(one, grid) and not explained
 

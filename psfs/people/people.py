@@ -14,8 +14,6 @@ from psfs.diagnostics.small_views import Shrink, compute_ahead
 from psfs.people.coarse_voxels import CoarseFrame, CoarseVoxels
 from psfs.people.following import APART, Trajectory, count_heads, find_middle, follow
 from psfs.people.identities import (
-    Appearance,
-    Appearances,
     count_voxels,
     find_present_frames,
     is_part,
@@ -130,9 +128,7 @@ class People:
 
 
 def count_people(session: Session, number: int | None = None) -> People:
-    """Return the people in some of the session's frames.
-
-    number: see `follow_people`."""
+    """Return the people in some of the session's frames. number: see `follow_people`."""
     every = max(1, round(session.rate / _RATE))
     return session.compute_once(
         (count_people, number), lambda: _Search(session, every, number).run()
@@ -234,29 +230,26 @@ class _Search:
         found = [one for one in everything if len(one.voxels) >= max(2, lasting / 2)] or everything
         if len(found) < 2:
             return People(self.frames, grid, tuple(map(self._person, found)))
-        seen: Appearances = {one: Appearance() for one in found}
-        self._observe(seen)
-        undo_swaps(seen, 2 * fps)
-        seen = join_returning(seen, grid, fps)
-        ranked = sorted(seen, key=lambda one: count_voxels(one) * len(one.voxels), reverse=True)
+        self._observe(found)
+        undo_swaps(found, 2 * fps)
+        found = join_returning(found, grid, fps)
+        ranked = sorted(found, key=lambda one: count_voxels(one) * len(one.voxels), reverse=True)
         largest = next((one for one in ranked if is_tall(one, grid)), ranked[0])
         rest = [one for one in ranked if one is not largest and len(one.voxels) >= lasting]
-        chosen = [one for one in rest if self._is_person(one, largest, seen)]
+        chosen = [
+            one for one in rest
+            if is_person(one, grid, count_voxels(largest))
+            and not is_part(one, [other for other in found if other is not one], grid)
+        ]  # fmt: skip
         if self.number is not None:
             others = [one for one in rest if one not in chosen]
             chosen = [*chosen, *others][: self.number - 1]
-        persons = tuple(self._person(one, seen[one]) for one in (largest, *chosen))
+        persons = tuple(map(self._person, (largest, *chosen)))
         return People(self.frames, grid, persons, len(rest) - len(chosen))
 
-    def _person(self, one: Trajectory, looks: Appearance | None = None) -> Person:
-        colours = looks.sum_colours(-np.inf, np.inf) if looks and looks.colours else None
+    def _person(self, one: Trajectory) -> Person:
+        colours = one.sum_colours() if one.colours else None
         return Person(find_present_frames(one), one.voxels, colours)
-
-    def _is_person(self, one: Trajectory, largest: Trajectory, seen: Appearances) -> bool:
-        grid, others = self.space.grid, [other for other in seen if other is not one]
-        return is_person(one, seen[one], grid, count_voxels(largest)) and not is_part(
-            one, others, grid
-        )
 
     def _look(self, indices: range) -> Iterator[tuple[Frame, np.ndarray]]:
         """Yield the frames in small pictures and their evidence, which is overwritten."""
@@ -264,19 +257,19 @@ class _Search:
         frames = self._shrink.frames(self.session.sequence.frames(selection))
         return compute_ahead(frames, self._begin)
 
-    def _observe(self, seen: Appearances) -> None:
+    def _observe(self, everything: list[Trajectory]) -> None:
         """Look at the colours of all trajectories in some frames, and at what only they explain."""
         every = max(1, round(self.rate / _RATE))
         for frame, evidence in self._look(self.frames[::every]):
-            ones = [one for one in seen if frame.index in one.voxels]
+            ones = [one for one in everything if frame.index in one.voxels]
             parts = [one.voxels[frame.index] for one in ones]
             for k, one in enumerate(ones):
                 others = [part for j, part in enumerate(parts) if j != k]
                 rest = np.concatenate(others) if others else np.zeros(0, int)
-                seen[one].unexplained[frame.index] = self.space.measure_unexplained(
+                one.unexplained[frame.index] = self.space.measure_unexplained(
                     evidence, parts[k], rest
                 )
             if frame.images is not None:
                 colours = self.space.measure_colours(frame.images, evidence, parts)
                 for one, found in zip(ones, colours, strict=True):
-                    seen[one].colours[frame.index] = found
+                    one.colours[frame.index] = found

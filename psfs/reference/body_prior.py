@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 
 from psfs.cameras.camera import CameraRig
-from psfs.cameras.cells import cell_rays, cells
+from psfs.cameras.rig_geometry import cell_rays, cells
 from psfs.common.cones import cone_distances, ray_cone_distances
 from psfs.voxels.body_prior import (
     COLOUR_REACH,

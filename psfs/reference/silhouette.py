@@ -9,7 +9,7 @@ import scipy
 
 from psfs.background.chroma_key import ChromaKey
 from psfs.cameras.camera import CameraRig
-from psfs.cameras.cells import CELL
+from psfs.cameras.rig_geometry import CELL
 from psfs.reference.chroma_key import chroma_ratio
 from psfs.reference.light import apply_light, estimate_light
 from psfs.silhouettes.appearance import BINS

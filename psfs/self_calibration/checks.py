@@ -30,8 +30,6 @@ from psfs.self_calibration.take import FILM
 
 #: Time after which silhouettes are no longer wrong alike, s: about a step.
 _INDEPENDENT = 0.5
-#: Median size of normal noise, in standard deviations.
-_MEDIAN = 0.6745
 
 
 def fits_as_well(rival: Adjusted, best: Adjusted, points: PersonPoints, rate: float) -> bool:
@@ -40,7 +38,8 @@ def fits_as_well(rival: Adjusted, best: Adjusted, points: PersonPoints, rate: fl
 
     Misfits below the contours' noise are alike. rate: frames per second.
     """
-    own, other = (summarise_pairs(measure_pairs(of, points)) / _MEDIAN for of in (best, rival))
+    median = scipy.special.ndtri(0.75)  # of the size of normal noise
+    own, other = (summarise_pairs(measure_pairs(of, points)) / median for of in (best, rival))
     count = 2 * (len(best.rig) - 1) * points.shortest / (rate * _INDEPENDENT)
     limit = np.sqrt(scipy.special.fdtri(count, count, 1 - FALSE_ALARMS))
     return not (other > limit * np.maximum(own, NOISE)).any()

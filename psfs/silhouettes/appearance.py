@@ -14,8 +14,8 @@ from cl import Array, Device, Launch
 from cl.signature import Argument
 from cl.workgroups import row_group, size_defines
 from psfs.cameras.camera import CameraRig
-from psfs.cameras.cells import CELL, cells
 from psfs.cameras.footprints import voxel_footprints
+from psfs.cameras.rig_geometry import CELL, cells
 from psfs.silhouettes.config import AppearanceConfig, SilhouetteConfig
 
 #: Colour bins per channel of the histogram; its table of int8 counts has 32 KiB.

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from psfs.cameras.camera import CameraRig
-from psfs.cameras.cells import cell_rays, cells
-from psfs.cameras.rig_geometry import intersect_axes
+from psfs.cameras.rig_geometry import cell_rays, cells, intersect_axes
 from psfs.silhouettes.config import FloorConfig
 
 

@@ -13,7 +13,7 @@ from psfs.background.chroma_key import ChromaKey, key_launch
 from psfs.background.config import BackgroundConfig
 from psfs.background.light import light_launch, sampled_scene, steady_light
 from psfs.cameras.camera import CameraRig
-from psfs.cameras.cells import CELL, cells
+from psfs.cameras.rig_geometry import CELL, cells
 from psfs.common.progress import map_in_threads
 from psfs.common.ranges import check_stack
 from psfs.silhouettes.appearance import BINS, Foreground, ForegroundPrior

@@ -11,7 +11,7 @@ import numpy as np
 from cl import Array, Device, InputError
 from cl.workgroups import row_group, size_defines
 from psfs.cameras.camera import CameraRig
-from psfs.cameras.cells import CELL, cell_rays, cells
+from psfs.cameras.rig_geometry import CELL, cell_rays, cells
 from psfs.common.cones import CONE_FLOATS, largest_slopes
 from psfs.common.npz import Values, read_npz
 from psfs.common.ranges import spans

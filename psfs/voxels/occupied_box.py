@@ -79,6 +79,15 @@ class CoarseSpace:
         self.pixels = np.ascontiguousarray(pixels[:, self.used])
         self.depths = np.ascontiguousarray(depths[:, self.used])
 
+    def cover(self, view: int, rows: np.ndarray, margin: int = 0) -> np.ndarray:
+        """Return the pixels (H, W) bool of a camera that the voxels `used[rows]` cover, and those
+        within a `margin`, px."""
+        at = self.pixels[view, rows]
+        shown = np.zeros(self.rig.height * self.rig.width, np.uint8)
+        shown[at[at >= 0]] = 1
+        square = np.ones((self.widths[view] + margin,) * 2, np.uint8)
+        return cv2.dilate(shown.reshape(self.rig.height, self.rig.width), square) > 0
+
     def carve(self, evidence: np.ndarray) -> np.ndarray:
         """Return the flat indices, ascending, of the occupied voxels: each has the largest evidence
         of the pixels that it covers. evidence: maps (V, H, W) from `remove_speckle`."""

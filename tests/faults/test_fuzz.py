@@ -38,10 +38,9 @@ from apf.tracking.people import PeopleTracks
 from apf.tracking.track import Track
 from cl import InputError
 from psfs.cameras.calibration import read_calibration
-from psfs.common.files import read_json
-from psfs.common.names import LONGEST_NAME, check_name, escape_unprintable
+from psfs.common.files import read_json, read_toml
 from psfs.common.pictures import read_picture
-from psfs.common.toml import read_toml
+from psfs.common.ranges import LONGEST_NAME, check_name, escape_unprintable
 from psfs.footage.timing import _read_times
 from psfs.voxels.body_prior import TrackedBody
 from psfs.voxels.clouds import read_cloud, write_npz

@@ -86,7 +86,7 @@ def choose_best_pose(
         for sighting in sightings:
             choices = [sighting.reorder(order) for order in target.orders]
             off = [
-                float(np.median(reprojection_errors(scene, target, choice))) for choice in choices
+                float(np.median(reprojection_errors(scene, target, [choice]))) for choice in choices
             ]
             fitting.append(choices[int(np.argmin(off))])
             cost += min(min(off), 100.0)  # one camera with a large error must not decide
@@ -115,8 +115,9 @@ def _estimate_relative_pose(
     proposals = []
     for frame in (frames[k] for k in picked):
         for order in target.orders:
-            pose = poses[frame, b] @ np.linalg.inv(_symmetry_transform(target, order))
-            proposals.append(pose @ np.linalg.inv(poses[frame, a]))
+            pose = estimate_board_pose(cameras[b], target, seen[frame, b].reorder(order))
+            if pose is not None:
+                proposals.append(pose @ np.linalg.inv(poses[frame, a]))
     camera = replace(cameras[b], R=np.eye(3), t=np.zeros(3))
 
     def cost(motion: np.ndarray) -> float:
@@ -133,12 +134,3 @@ def _estimate_relative_pose(
         return float(np.median(off))
 
     return min(proposals, key=cost)
-
-
-def _symmetry_transform(target: Target, order: np.ndarray) -> np.ndarray:
-    """Return the transform (4, 4) that takes each of the target's points k to point order[k]."""
-    before, after = target.points, target.points[order]
-    U, _, Vt = np.linalg.svd((before - before.mean(0)).T @ (after - after.mean(0)))
-    flip = np.diag([1, 1, np.linalg.det(Vt.T @ U.T)])
-    R = Vt.T @ flip @ U.T
-    return rigid_transform(R, after.mean(0) - R @ before.mean(0))

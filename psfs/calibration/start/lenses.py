@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Any
 
 import cv2
@@ -33,9 +32,7 @@ def default_camera(name: str, size: tuple[int, int], focal: float = _DEFAULT_FOC
 
 def with_focal_length(camera: Camera, share: float) -> Camera:
     """Return the camera with another focal length, in units of the longer side."""
-    K = camera.K.copy()
-    K[0, 0] = K[1, 1] = share * max(camera.size)
-    return replace(camera, K=K)
+    return camera.refocused(share * max(camera.size) / camera.K[0, 0])
 
 
 def estimate_camera_from_boards(

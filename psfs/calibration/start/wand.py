@@ -4,7 +4,6 @@ length."""
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import combinations, product
 
 import cv2
@@ -29,17 +28,9 @@ _FOCALS = np.geomspace(0.5, 2.5, 9)
 _JUDGES, _PROPOSERS = 4, 6
 
 
-@dataclass(frozen=True, eq=False)
-class _RelativePose:
-    """Relative pose of two cameras.
-
-    motion: transform (4, 4) from the first to the second, m. spread: median relative deviation of
-    the wand's length. share: share of frames that agree.
-    """
-
-    motion: np.ndarray
-    spread: float
-    share: float
+#: Transform (4, 4) from a camera to another, m, and how badly the wand's length fits: its median
+#: relative deviation, and the share of frames that do not agree.
+_RelativePose = tuple[np.ndarray, float]
 
 
 def place_cameras_by_wand(
@@ -62,7 +53,7 @@ def place_cameras_by_wand(
                 f"the markers that {names[a]} and {names[b]} see do not belong together; expected "
                 f"a {target.name}, the only bright spots that move, and cameras that run together"
             )
-        relative[a, b] = found.motion
+        relative[a, b] = found[0]
     places = chain_poses(pairs, relative)
     rig = tuple(place_camera(camera, places[view]) for view, camera in enumerate(cameras))
     poses: dict[int, np.ndarray] = {}
@@ -93,7 +84,7 @@ def estimate_focal_lengths(
     def cost(share: float) -> float:
         rig = with_focal(share)
         found = [_estimate_relative_pose(rig, target, sightings, pair) for pair in pairs[:_JUDGES]]
-        return float(np.mean([1.0 if of is None else of.spread + 1 - of.share for of in found]))
+        return float(np.mean([1.0 if of is None else of[1] for of in found]))
 
     return with_focal(min(_FOCALS, key=cost))
 
@@ -146,7 +137,7 @@ def _scale_by_wand(
     right = np.abs(lengths / middle - 1) < _LENGTH_TOLERANCE
     scale = float(np.linalg.norm(target.points[-1] - target.points[0])) / middle
     spread = float(np.median(np.abs(lengths / middle - 1)))
-    return _RelativePose(rigid_transform(R, scale * t), spread, float(right.sum() / frames))
+    return rigid_transform(R, scale * t), spread + 1 - float(right.sum() / frames)
 
 
 def _propose_poses(

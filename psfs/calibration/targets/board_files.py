@@ -11,8 +11,8 @@ from cl import InputError, MissingFileError
 from psfs.calibration.targets.dictionaries import DICTIONARIES
 from psfs.cameras.calibration.common import name_file_in_errors
 from psfs.cameras.calibration.filestorage import read_storage
+from psfs.common.files import read_toml
 from psfs.common.numbers import INCH
-from psfs.common.toml import read_toml
 
 EXPECTED = (
     "Caliscope's charuco.toml or config.toml, Pose2Sim's Config.toml, or the settings of OpenCV's "

@@ -17,8 +17,8 @@ from psfs.cameras.camera import MOST_CAMERAS, Camera, CameraRig
 from psfs.cameras.names import join_names, natural_key
 from psfs.cameras.units import Unit, metres_per_unit, scale_rig
 from psfs.common import files
+from psfs.common.files import MOST_TOML_BYTES as MOST_TOML_BYTES
 from psfs.common.files import name_file_in_errors as name_file_in_errors
-from psfs.common.toml import MOST_BYTES as MOST_BYTES
 
 #: Takes a left-handed world to a right-handed one: negates X.
 MIRROR = np.diag([-1.0, 1.0, 1.0])
@@ -104,7 +104,7 @@ OPENGL_POSES = Layout(
 
 def read_text(path: Path, encoding: str = "UTF-8") -> str:
     """Read the text of a file. Raises InputError naming it, MissingFileError if it is absent."""
-    return files.read_text(path, "a calibration", MOST_BYTES, encoding)
+    return files.read_text(path, "a calibration", MOST_TOML_BYTES, encoding)
 
 
 def parse_numbers(words: Sequence[str], what: str) -> np.ndarray:
@@ -276,3 +276,16 @@ def _read_size(layout: Layout, record: Record, name: str) -> Size:
     if len(values) != 2:
         raise InputError(f"{what} has {len(values)} numbers; expected width and height")
     return check_whole_size(values, what)
+
+
+def read_files(
+    paths: Sequence[Path], parse: Callable[[Path], dict[str, Any]], layout: Layout,
+    unit: Unit | None, sizes: Sizes, names: Sequence[str] | None = None,
+) -> Calibration:  # fmt: skip
+    """Read one camera per path, named after the file or by `names`."""
+    records = []
+    for name, path in zip(names or [path.stem for path in paths], paths, strict=True):
+        with name_file_in_errors(path):
+            records.append((name, parse(path)))
+    with name_file_in_errors(paths[0] if len(paths) == 1 else paths[0].parent):
+        return build(layout, records, unit, sizes)

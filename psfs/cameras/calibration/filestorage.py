@@ -24,6 +24,7 @@ from psfs.cameras.calibration.common import (
     Sizes,
     build,
     name_file_in_errors,
+    read_files,
     read_text,
 )
 from psfs.cameras.camera import MOST_CAMERAS
@@ -134,13 +135,9 @@ def read_filestorage(
     The format states no unit: metres unless `unit` says otherwise. Sizes come from image_width and
     image_height where present, else from `sizes`.
     """
-    records = []
-    for name, path in zip(names or [path.stem for path in paths], paths, strict=True):
-        content = read_storage(path)
-        with name_file_in_errors(path):
-            records.append((name, _choose_values(content, _NAMES)))
-    with name_file_in_errors(paths[0] if len(paths) == 1 else paths[0].parent):
-        return build(_LAYOUT, records, unit, sizes)
+    return read_files(
+        paths, lambda path: _choose_values(read_storage(path), _NAMES), _LAYOUT, unit, sizes, names
+    )
 
 
 def read_easymocap(folder: Path, unit: Unit | None, sizes: Sizes) -> Calibration:

@@ -17,7 +17,7 @@ words (`CONTOUR`) and comments after `#` are ignored.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -28,11 +28,11 @@ from cl import InputError
 from psfs.cameras.calibration.common import (
     PLAIN,
     Calibration,
-    Layout,
     Sizes,
     build,
     name_file_in_errors,
     parse_numbers,
+    read_files,
     read_text,
 )
 from psfs.cameras.calibration.projections import decompose_projection, mirror_if_facing_away
@@ -44,19 +44,6 @@ SUFFIXES = (".pa", ".krt", ".krtd", ".cam", ".txt", ".p")
 #: Numbers of a camera of HumanEva, and of Middlebury.
 _HUMANEVA, _MIDDLEBURY = 22, 21
 _WANTED = "expected K R t (21 numbers), K and [R | t] (21 or 25), or a 3x4 matrix (12)"
-
-
-def read_files(
-    paths: Sequence[Path], parse: Callable[[Path], dict[str, Any]], layout: Layout,
-    unit: Unit | None, sizes: Sizes,
-) -> Calibration:  # fmt: skip
-    """Read one camera per path, named after the file."""
-    records = []
-    for path in paths:
-        with name_file_in_errors(path):
-            records.append((path.stem, parse(path)))
-    with name_file_in_errors(paths[0] if len(paths) == 1 else paths[0].parent):
-        return build(layout, records, unit, sizes)
 
 
 def read_humaneva(paths: Sequence[Path], unit: Unit | None, sizes: Sizes) -> Calibration:

@@ -16,7 +16,7 @@ from psfs.cameras.calibration.common import Calibration, Layout, Sizes, build, n
 from psfs.cameras.camera import CameraRig
 from psfs.cameras.names import natural_key
 from psfs.cameras.units import Unit
-from psfs.common.toml import read_toml, write_toml
+from psfs.common.files import read_toml, write_toml
 
 _NOT_CAMERAS = {"metadata", "capture_volume", "charuco", "checkerboard"}
 _LAYOUT = Layout(

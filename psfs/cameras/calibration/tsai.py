@@ -27,9 +27,9 @@ from psfs.cameras.calibration.common import (
     Calibration,
     Sizes,
     parse_numbers,
+    read_files,
     read_text,
 )
-from psfs.cameras.calibration.number_lists import read_files
 from psfs.cameras.units import Unit
 
 SUFFIXES = (".cpar", ".tsai")

@@ -16,8 +16,7 @@ from cl import InputError
 from psfs.cameras.calibration.common import TO_OPENCV
 from psfs.cameras.calibration.xml_files import SUBPIXELS
 from psfs.cameras.camera import Camera, CameraRig
-from psfs.common.files import write_json, write_text
-from psfs.common.toml import write_toml
+from psfs.common.files import write_json, write_text, write_toml
 
 
 def write_caliscope(folder: Path, rig: CameraRig) -> Path:

@@ -25,8 +25,13 @@ from psfs.self_calibration.points.bundle import (
     measure_errors,
     triangulate_rays,
 )
-from psfs.self_calibration.points.lags import estimate_lags
-from psfs.self_calibration.points.start import FEWEST, GATE, place_cameras, pose_sigmas
+from psfs.self_calibration.points.start import (
+    FEWEST,
+    GATE,
+    estimate_lags,
+    place_cameras,
+    pose_sigmas,
+)
 
 #: What to film if the cameras cannot be found.
 FILM = (
@@ -185,10 +190,9 @@ def _finish(
             f"the keypoints fit no arrangement of the cameras: those of {cameras[worst].name} are "
             f"{medians[worst]:.1f} px off, expected at most {limit:.1f}; {FILM}"
         )
-    placed = []
-    for camera, found in zip(cameras, scene.cameras, strict=True):
-        K = camera.K * np.array([[1.0], [1], [0]]) * (found.K[0, 0] / camera.K[0, 0])
-        K[:, 2] = camera.K[:, 2]
-        placed.append(replace(camera, K=K, R=found.R, t=found.t))
+    placed = tuple(
+        replace(camera.refocused(found.K[0, 0] / camera.K[0, 0]), R=found.R, t=found.t)
+        for camera, found in zip(cameras, scene.cameras, strict=True)
+    )
     points = scene.points.reshape(len(frames), -1, 3)
-    return PointCalibration(CameraRig(tuple(placed)), lags + scene.lags, points, frames, medians)
+    return PointCalibration(CameraRig(placed), lags + scene.lags, points, frames, medians)

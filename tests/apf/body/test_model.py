@@ -14,7 +14,7 @@ from apf.body.limbs import trunk_mask
 from apf.body.model import BodyModel, sideless
 from apf.body.toml import load_body, save_body
 from cl import InputError, MissingFileError
-from psfs.common.toml import read_toml
+from psfs.common.files import read_toml
 
 #: The folder of the shipped bodies.
 BODIES = Path(apf.body.__file__).parent / "models"

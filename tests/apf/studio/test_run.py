@@ -25,8 +25,8 @@ from apf.tracking.correction import list_corrections
 from apf.tracking.track import Track
 from cl import InputError, select_device
 from psfs.cli.program import parse_request
+from psfs.common.files import read_toml
 from psfs.common.requests import Stated, collect_settings
-from psfs.common.toml import read_toml
 from psfs.page.clouds import CarvedClouds
 
 

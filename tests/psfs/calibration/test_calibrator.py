@@ -11,9 +11,14 @@ from helpers import calibration as made
 from cl import InputError
 from psfs.calibration.calibrator import CalibrationResult, calibrate_cameras
 from psfs.calibration.report import judge_calibration, summarise_views
-from psfs.calibration.scene import CalibrationScene, all_reprojection_errors, rms
+from psfs.calibration.scene import (
+    CalibrationScene,
+    align_to_cameras,
+    align_to_floor,
+    reprojection_errors,
+    rms,
+)
 from psfs.calibration.targets.target import Sighting, Target, make_chessboard, make_wand
-from psfs.calibration.world import align_to_cameras, align_to_floor
 from psfs.cameras.camera import Camera
 
 CAMERAS = made.ring(size=(1280, 720), focal=900)
@@ -47,7 +52,7 @@ def test_cameras_and_lenses_are_found(target: Target, frames: int) -> None:
     result = calibration_of(target, sightings, known=False)
     away, scale = made.differences(list(result.scene.cameras), CAMERAS)
     assert away.max() < 5 and abs(scale) < 0.002
-    assert rms(all_reprojection_errors(result.scene, target, result.sightings)) < 0.5
+    assert rms(reprojection_errors(result.scene, target, result.sightings)) < 0.5
     assert not result.disagreeing and not result.misfits
     found = [camera.K[0, 0] for camera in result.scene.cameras]
     np.testing.assert_allclose(found, [camera.K[0, 0] for camera in CAMERAS], rtol=0.01)

@@ -10,7 +10,6 @@ import pytest
 from psfs.cameras.camera import Camera
 from psfs.common.least_squares import solve
 from psfs.diagnostics.frontier import SilhouetteContours
-from psfs.diagnostics.hulls import PersonPlace
 from psfs.diagnostics.limbs import LimbPoints
 from psfs.diagnostics.medial_axes import MedialAxes
 from psfs.diagnostics.refinement import correct_cameras
@@ -18,7 +17,7 @@ from psfs.diagnostics.small_views import Outline
 
 UP, FRAMES = np.array([0, 0, 1.0]), 16
 LAGS = np.array([0.0, 1.4, -0.7, 0.0])
-PERSON = PersonPlace(np.array([0, 0, 1.2]), UP, 1.7)
+PERSON = np.array([0, 0, 1.2]), 1.7
 
 
 def place(azimuth, height):
@@ -72,7 +71,7 @@ def medial_axes(radius=0.06, wider=0.0):
 
 def measure(cameras, lags, free, **shape):
     """The corrections of `free` parameters of the cameras, and the number of points."""
-    limbs = LimbPoints(cameras, lags, medial_axes(**shape), PERSON)
+    limbs = LimbPoints(cameras, lags, medial_axes(**shape), *PERSON)
     further, start = limbs.bind(lags), np.zeros((len(cameras), 8))
     if not len(limbs):
         return start, 0

@@ -11,7 +11,6 @@ from scipy import ndimage
 from psfs.people.coarse_voxels import CoarseFrame, measure_similarity
 from psfs.people.following import Trajectory, count_heads, follow
 from psfs.people.identities import (
-    Appearance,
     count_voxels,
     find_present_frames,
     is_part,
@@ -125,7 +124,7 @@ def test_a_low_thing_is_followed_but_no_person() -> None:
     found = follow(frames, GRID, FPS)
     assert len(found) == 2
     largest = max(count_voxels(one) for one in found)
-    assert [is_person(one, Appearance(), GRID, largest) for one in found].count(True) == 1
+    assert [is_person(one, GRID, largest) for one in found].count(True) == 1
 
 
 def test_who_lies_down_is_a_person() -> None:
@@ -133,13 +132,13 @@ def test_who_lies_down_is_a_person() -> None:
     frames = [frame(n, column(0, 0), column(1.2, 0) if n < 3 else lying) for n in range(9)]
     found = follow(frames, GRID, FPS)
     largest = max(count_voxels(one) for one in found)
-    assert [is_person(one, Appearance(), GRID, largest) for one in found] == [True, True]
+    assert [is_person(one, GRID, largest) for one in found] == [True, True]
 
 
 def test_a_child_beside_a_tall_man_is_a_person() -> None:
     (one,) = follow([frame(n, column(0, 0, high=1.25)) for n in range(5)], GRID, FPS)
     largest = count_voxels(one)
-    assert [is_person(one, Appearance(), GRID, times * largest) for times in (4, 6)] == [
+    assert [is_person(one, GRID, times * largest) for times in (4, 6)] == [
         True,
         False,
     ]
@@ -149,7 +148,7 @@ def test_a_trolley_is_no_person_though_it_stands_beside_somebody_all_the_time() 
     frames = [frame(n, column(0, 0), column(0.6, 0, high=1.0)) for n in range(6)]
     person, trolley = follow(frames, GRID, FPS)
     assert is_tall(person, GRID) and not is_tall(trolley, GRID)
-    assert not is_person(trolley, Appearance(), GRID, count_voxels(person))
+    assert not is_person(trolley, GRID, count_voxels(person))
 
 
 @pytest.mark.parametrize(("apart", "part"), [(0.3, True), (0.6, False)])
@@ -175,8 +174,10 @@ def test_nobody_begins_in_a_ghost() -> None:
 
 def test_a_hull_that_nobody_fills_is_no_person() -> None:
     one = follow([frame(n, column(0, 0)) for n in range(5)], GRID, FPS)[0]
-    assert is_person(one, Appearance(unexplained={0: 0.5}), GRID, count_voxels(one))
-    assert not is_person(one, Appearance(unexplained={0: 0.05}), GRID, count_voxels(one))
+    one.unexplained = {0: 0.5}
+    assert is_person(one, GRID, count_voxels(one))
+    one.unexplained = {0: 0.05}
+    assert not is_person(one, GRID, count_voxels(one))
 
 
 def coloured(code: int) -> np.ndarray:
@@ -193,9 +194,9 @@ def test_who_comes_back_is_known_by_the_colours() -> None:
     assert len(found) == 3
     late = next(one for one in found if one.frames[0] == 20)
     left, right = (one for one in found if one is not late)
-    seen = {left: Appearance({0: coloured(3)}), right: Appearance({0: coloured(9)})}
-    joined = join_returning({**seen, late: Appearance({20: coloured(9)})}, GRID, FPS)
-    assert set(joined) == {left, right}
+    left.colours, right.colours = {0: coloured(3)}, {0: coloured(9)}
+    late.colours = {20: coloured(9)}
+    assert set(join_returning(found, GRID, FPS)) == {left, right}
     assert (len(left.voxels), len(right.voxels)) == (6, 12)
     assert find_present_frames(right).tolist() == [*range(6), *range(20, 26)]
 
@@ -205,13 +206,10 @@ def test_an_exchange_in_a_contact_is_undone_by_the_colours() -> None:
     for one, side in ((first, 0), (second, 1)):
         one.voxels = {n: np.array([side]) for n in range(30)}
         one.touching = set(range(10, 15))
-    colours = {first: (3, 9), second: (9, 3)}
-    seen = {
-        one: Appearance({n: coloured(codes[n >= 12]) for n in range(30)})
-        for one, codes in colours.items()
-    }
-    undo_swaps(seen, 20)
+    for one, codes in ((first, (3, 9)), (second, (9, 3))):
+        one.colours = {n: coloured(codes[n >= 12]) for n in range(30)}
+    undo_swaps([first, second], 20)
     assert [int(first.voxels[n][0]) for n in (0, 14, 15, 29)] == [0, 0, 1, 1]
     assert [int(second.voxels[n][0]) for n in (0, 14, 15, 29)] == [1, 1, 0, 0]
-    early, late = seen[first].sum_colours(0, 5), seen[first].sum_colours(20, 29)
+    early, late = first.sum_colours(0, 5), first.sum_colours(20, 29)
     assert measure_similarity(early, late) == pytest.approx(1)

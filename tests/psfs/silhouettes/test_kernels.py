@@ -14,7 +14,7 @@ from scipy import ndimage
 from cl import Device
 from psfs.background.gaussian import Background
 from psfs.cameras.camera import CameraRig
-from psfs.cameras.cells import CELL, cells
+from psfs.cameras.rig_geometry import CELL, cells
 from psfs.reference.appearance import NumpyForeground
 from psfs.reference.light import apply_light
 from psfs.reference.silhouette import (

@@ -11,7 +11,7 @@ from helpers import scenes
 
 from cl import Device, InputError, NumpyDevice
 from psfs.backend import make_reconstructor
-from psfs.cameras.cells import CELL, cell_rays
+from psfs.cameras.rig_geometry import CELL, cell_rays
 from psfs.common.cones import cone_distances, ray_cone_distances
 from psfs.opening import check_body, share_on_silhouettes
 from psfs.reference.body_prior import body_evidence, body_location
