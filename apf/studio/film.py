@@ -28,7 +28,8 @@ from psfs.cameras.camera import CameraRig
 from psfs.common.files import write_picture
 from psfs.diagnostics.person_in_view import PersonInView, find_person_in_views
 from psfs.diagnostics.small_views import SILHOUETTES, SMALL_SIDE, Outline, Shrink, extract_outline
-from psfs.page.pictures import blend_silhouette, fill_view, label_picture, mosaic, small_pictures
+from psfs.output.preview import label_picture
+from psfs.page.pictures import blend_silhouette, fill_view, mosaic, small_pictures
 from psfs.page.timeline import add_key
 from psfs.page.words import make_lines, make_table, make_text
 from psfs.sequence import Frame

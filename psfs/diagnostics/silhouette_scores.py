@@ -15,7 +15,7 @@ from psfs.cameras.camera import Camera, CameraRig
 from psfs.common.pictures import read_picture
 from psfs.common.regions import bounding_box, iou
 from psfs.diagnostics.reprojection_iou import volume_region
-from psfs.output.preview import crop_view
+from psfs.output.preview import crop_view, tile_pictures
 from psfs.sequence import Frame, Sequence
 from psfs.session import Session
 from psfs.volume import automatic_grid
@@ -138,10 +138,9 @@ def draw_mosaic(rig: CameraRig, shown: Silhouettes) -> np.ndarray:
     1), the silhouette and, if a true mask is known, the differences between the two."""
     parts = [_part(camera, view, shown) for view, camera in enumerate(rig)]
     widest = max(_size(part)[0] for part in parts)
-    rows = [_row(camera, view, shown, parts[view], widest) for view, camera in enumerate(rig)]
-    width = max(row.shape[1] for row in rows)
-    padded = [np.pad(row, ((0, 0), (0, width - row.shape[1]), (0, 0))) for row in rows]
-    return np.vstack(padded)
+    return tile_pictures(
+        [_row(camera, view, shown, parts[view], widest) for view, camera in enumerate(rig)]
+    )
 
 
 def draw_differences(picture: np.ndarray, mask: np.ndarray, truth: np.ndarray) -> np.ndarray:
@@ -154,7 +153,9 @@ def draw_differences(picture: np.ndarray, mask: np.ndarray, truth: np.ndarray) -
     return drawn
 
 
-def _row(camera: Camera, view: int, shown: Silhouettes, part: _Part, width: int) -> np.ndarray:
+def _row(
+    camera: Camera, view: int, shown: Silhouettes, part: _Part, width: int
+) -> list[np.ndarray]:
     """Draw one view's panels, `width` px wide each."""
     truth, score = shown.truth[view], shown.scores[view, 0]
     picture = crop_view(shown.frame, view, camera)[part]
@@ -166,7 +167,7 @@ def _row(camera: Camera, view: int, shown: Silhouettes, part: _Part, width: int)
         known = "true mask empty" if np.isnan(score) else f"IoU {score:.3f}"
         texts.append(f"{known}: missed red, too much green")
     sized = [_fit(panel, _size(part)) for panel in panels]
-    return np.hstack([_add_label(*of, width) for of in zip(sized, texts, strict=True)])
+    return [_add_label(*of, width) for of in zip(sized, texts, strict=True)]
 
 
 def _part(camera: Camera, view: int, shown: Silhouettes) -> _Part:

@@ -18,6 +18,7 @@ from psfs.cameras.camera import CameraRig
 from psfs.cameras.scaling import scale_pictures
 from psfs.common.numbers import pick_evenly
 from psfs.footage.threads import prefetch
+from psfs.output.preview import tile_pictures
 from psfs.sequence import Frame, Sequence
 from psfs.silhouettes.config import AppearanceConfig, FloorConfig, SilhouetteConfig
 
@@ -132,10 +133,10 @@ def small_views(
     )  # fmt: skip
 
 
-def draw_contact_sheet(views: SmallViews, columns: int = 6) -> np.ndarray:
+def draw_contact_sheet(views: SmallViews) -> np.ndarray:
     """Draw a picture (h, w, 3) uint8 BGR: a row per camera with some of its frames, silhouettes in
     green."""
-    chosen = pick_evenly(len(views.samples), columns)
+    chosen = pick_evenly(len(views.samples), 6)
     rows = []
     for view in range(len(views.rig)):
         cells = []
@@ -147,8 +148,8 @@ def draw_contact_sheet(views: SmallViews, columns: int = 6) -> np.ndarray:
             cell = cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR)
             cell[mask] = cell[mask] // 2 + np.array([0, 127, 0], np.uint8)
             cells.append(cv2.copyMakeBorder(cell, 0, 2, 0, 2, cv2.BORDER_CONSTANT))
-        rows.append(np.hstack(cells))
-    return np.vstack(rows)
+        rows.append(cells)
+    return tile_pictures(rows)
 
 
 def _select_frames(sequence: Sequence) -> range:

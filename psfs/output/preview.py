@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from itertools import zip_longest
 
 import cv2
 import numpy as np
@@ -212,27 +213,41 @@ def _picture_row(
     silhouette: Callable[[int], np.ndarray], rig: CameraRig, frame: Frame, width: int
 ) -> np.ndarray:
     """Draw up to six of the frame's pictures with an outline, filling `width` px."""
-    chosen = pick_evenly(len(rig), 6)
-    panels = []
+    chosen, panels = pick_evenly(len(rig), 6).tolist(), []
     for view in chosen:
-        camera = rig[int(view)]
-        columns, rows = camera.size
-        panel = draw_outline(crop_view(frame, int(view), camera), silhouette(int(view)))
-        cell = width // len(chosen)
-        panel = cv2.resize(
-            panel, (cell, round(cell * rows / columns)), interpolation=cv2.INTER_AREA
-        )
-        cv2.putText(panel, camera.name, (8, 20), cv2.FONT_HERSHEY_SIMPLEX, 0.5, (0, 0, 0), 3)
-        cv2.putText(panel, camera.name, (8, 20), cv2.FONT_HERSHEY_SIMPLEX, 0.5, (255, 255, 255), 1)
-        panels.append(panel)
-    height = max(panel.shape[0] for panel in panels)
-    row = np.zeros((height, width, 3), np.uint8)
-    row[:] = BACKDROP.astype(np.uint8)
-    left = 0
-    for panel in panels:
-        row[: panel.shape[0], left : left + panel.shape[1]] = panel
-        left += panel.shape[1]
-    return row
+        panel = draw_outline(crop_view(frame, view, rig[view]), silhouette(view))
+        cell, (columns, rows) = width // len(chosen), rig[view].size
+        size = cell, round(cell * rows / columns)
+        panel = cv2.resize(panel, size, interpolation=cv2.INTER_AREA)
+        panels.append(label_picture(panel, rig[view].name))
+    row = tile_pictures([panels], BACKDROP)
+    return np.pad(row, ((0, 0), (0, width - row.shape[1]), (0, 0)), mode="edge")
+
+
+def label_picture(picture: np.ndarray, name: str) -> np.ndarray:
+    """Write a camera's name into the corner of its picture (h, w, 3) uint8; return the picture."""
+    size = max(0.4, max(picture.shape[:2]) / 800)
+    place = round(10 * size), round(36 * size)
+    for grey, thickness in ((0, 4), (255, 1)):
+        cv2.putText(
+            picture, name, place, cv2.FONT_HERSHEY_SIMPLEX, size, (grey, grey, grey),
+            max(1, round(thickness * size)), cv2.LINE_AA,
+        )  # fmt: skip
+    return picture
+
+
+def tile_pictures(rows: list[list[np.ndarray]], ground: np.ndarray | int = 0) -> np.ndarray:
+    """Return pictures (h, w, 3) uint8 in rows, each at the upper left of a cell as large as the
+    largest of its row and column, on a `ground` of one colour."""
+    bottoms = np.cumsum([max(picture.shape[0] for picture in row) for row in rows])
+    columns = zip_longest(*rows, fillvalue=np.zeros((0, 0)))
+    rights = np.cumsum([max(picture.shape[1] for picture in column) for column in columns])
+    whole = np.zeros((bottoms[-1], rights[-1], 3), np.uint8)
+    whole[:] = ground
+    for row, top in zip(rows, (0, *bottoms), strict=False):
+        for picture, left in zip(row, (0, *rights), strict=False):
+            whole[top : top + picture.shape[0], left : left + picture.shape[1]] = picture
+    return whole
 
 
 def _unit(x: float, y: float, z: float) -> np.ndarray:

@@ -11,7 +11,7 @@ import numpy as np
 
 from cl import UserError
 from psfs.cameras.camera import CameraRig
-from psfs.output.preview import crop_view
+from psfs.output.preview import crop_view, label_picture, tile_pictures
 from psfs.page.words import REFRESH
 from psfs.sequence import Frame, Sequence
 
@@ -81,18 +81,6 @@ def draw_views(frame: Frame, rig: CameraRig, view: int | None) -> np.ndarray:
     return shrink_picture(mosaic(pictures))
 
 
-def label_picture(picture: np.ndarray, name: str) -> np.ndarray:
-    """Write a camera's name into the corner of its picture (h, w, 3) uint8; return the picture."""
-    size = max(0.4, max(picture.shape[:2]) / 800)
-    place = round(10 * size), round(36 * size)
-    for grey, thickness in ((0, 4), (255, 1)):
-        cv2.putText(
-            picture, name, place, cv2.FONT_HERSHEY_SIMPLEX, size, (grey, grey, grey),
-            max(1, round(thickness * size)), cv2.LINE_AA,
-        )  # fmt: skip
-    return picture
-
-
 def shrink_picture(picture: np.ndarray, width: int = _WIDTH) -> np.ndarray:
     """Return a picture (h, w, 3) uint8 BGR at most `width` px wide, as RGB."""
     scale = min(1.0, width / picture.shape[1])
@@ -128,12 +116,5 @@ def blend_silhouette(picture: np.ndarray, shown: np.ndarray, opacity: float) -> 
 
 def mosaic(pictures: list[np.ndarray]) -> np.ndarray:
     """Return pictures (h, w, 3) uint8 side by side, in as many rows as columns."""
-    columns = int(np.ceil(np.sqrt(len(pictures))))
-    rows = -(-len(pictures) // columns)
-    height = max(picture.shape[0] for picture in pictures)
-    width = max(picture.shape[1] for picture in pictures)
-    whole = np.zeros((rows * height, columns * width, 3), np.uint8)
-    for number, picture in enumerate(pictures):
-        y, x = height * (number // columns), width * (number % columns)
-        whole[y : y + picture.shape[0], x : x + picture.shape[1]] = picture
-    return whole
+    n = int(np.ceil(np.sqrt(len(pictures))))
+    return tile_pictures([pictures[first : first + n] for first in range(0, len(pictures), n)])

@@ -149,13 +149,12 @@ def _planes(
 
 @dataclass(frozen=True)
 class Arrangement:
-    """Variants of all cameras, their angles and lags relative to the first, in steps of the tables,
-    and the mean cost of all pairs."""
+    """Variants of all cameras, their angles and lags relative to the first, in steps of the
+    tables."""
 
     variants: tuple[int, ...]
     angles: tuple[int, ...]
     lags: tuple[int, ...]
-    cost: float
 
 
 #: Variant, angle and lag of a camera.
@@ -257,19 +256,11 @@ class ArrangementSearch:
 
     def _describe(self, places: Mapping[int, Place]) -> Arrangement:
         """Return the arrangement of all cameras."""
-        total, pairs = 0.0, [(a, b) for a, b in self._tables if a < b]
-        for a, b in pairs:
-            angle = (places[b][1] - places[a][1]) % self.n_angles
-            lag = places[b][2] - places[a][2] + self.most
-            inside = 0 <= lag <= 2 * self.most
-            own = self._tables[a, b][places[a][0], places[b][0], angle]
-            total += float(own[lag]) if inside else self.neutral
         views, first = range(self.n_cameras), places[0]
         return Arrangement(
             tuple(places[view][0] for view in views),
             tuple((places[view][1] - first[1]) % self.n_angles for view in views),
             tuple(places[view][2] - first[2] for view in views),
-            total / len(pairs),
         )
 
 
