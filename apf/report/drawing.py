@@ -22,7 +22,7 @@ from apf.tracking.people import PeopleTracks, person_folder
 from apf.tracking.track import Track
 from cl import InputError
 from psfs.cameras.camera import Camera, CameraRig
-from psfs.cameras.scaling import scale_picture
+from psfs.common.pictures import scale_picture
 from psfs.output.preview import crop_view
 from psfs.output.video import write_video
 from psfs.page.pictures import label_picture

@@ -19,7 +19,7 @@ from apf.keypoints.timing import describe_lag, find_lag_to_footage
 from apf.tracking.people import MOST_PEOPLE
 from apf.tracking.progress import StageProgress
 from cl import InputError
-from psfs.diagnostics.faults import Diagnosis
+from psfs.diagnostics.examination import Diagnosis
 from psfs.people.people import People
 from psfs.sequence import Sequence
 from psfs.session import Session

@@ -40,8 +40,8 @@ from psfs.background.pixel_densities import (
     find_same,
 )
 from psfs.cameras.camera import CameraRig
-from psfs.cameras.scaling import scale_picture
 from psfs.common.numbers import pick_evenly
+from psfs.common.pictures import scale_picture
 from psfs.footage.media import Media
 
 #: Longest side of the small pictures in which people are searched, px.

@@ -16,9 +16,8 @@ from psfs.common.outputs import output_folder
 from psfs.diagnostics.cloud_scores import DEFINITION as CLOUD_DEFINITION
 from psfs.diagnostics.cloud_scores import CloudScore, mean_scores, score_cloud
 from psfs.diagnostics.config import DEFINITION
-from psfs.diagnostics.examination import Examination
+from psfs.diagnostics.examination import Examination, diagnose
 from psfs.diagnostics.fault import Fault
-from psfs.diagnostics.faults import diagnose
 from psfs.diagnostics.reprojection_iou import Checker, describe_cut_silhouettes
 from psfs.diagnostics.silhouette_scores import true_masks
 from psfs.output.reconstruction_folder import ReconstructionFolder

@@ -8,8 +8,7 @@ from rich.table import Table
 from cl import select_device
 from psfs.cli.commandline import progress_bar, remark, stdout, warn
 from psfs.common.files import check_picture_name, write_picture
-from psfs.diagnostics.examination import examine
-from psfs.diagnostics.faults import diagnose
+from psfs.diagnostics.examination import diagnose, examine
 from psfs.diagnostics.sequence_info import UNIT_ASKED, SequenceInfo, sequence_info
 from psfs.diagnostics.small_views import draw_contact_sheet
 from psfs.opening import open_sequence

@@ -1,4 +1,5 @@
-"""Read pictures; what their headers claim is checked before they are decoded."""
+"""Read pictures, of which what their headers claim is checked before they are decoded, and resize
+them."""
 
 from __future__ import annotations
 
@@ -7,11 +8,12 @@ import os
 import warnings
 from pathlib import Path
 
+import cv2
+import numpy as np
+
 # suppresses FFmpeg's messages; we raise errors ourselves
 os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
 
-import cv2
-import numpy as np
 from PIL import Image, UnidentifiedImageError
 
 from cl import InputError
@@ -110,3 +112,12 @@ def _find_scan(data: bytes) -> int:
             continue
         at += 2 + int.from_bytes(data[at + 2 : at + 4], "big")
     return at
+
+
+def scale_picture(picture: np.ndarray, factor: float) -> np.ndarray:
+    """Return a picture (H, W, ...) resized by `factor`, at most 1: the mean over each pixel's area,
+    as the camera `scaled(factor)` shows it.
+
+    The small sides are rounded, the scale is not: stated sizes would make cv2.resize stretch it.
+    """
+    return cv2.resize(picture, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA)

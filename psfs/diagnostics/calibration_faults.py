@@ -10,6 +10,7 @@ import numpy as np
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.distortion import undistort
 from psfs.cameras.units import metres_per_unit
+from psfs.common.numbers import INCH
 from psfs.diagnostics.fault import Evidence, Fault
 
 #: A camera has another unit, or another world, if it is this many times as far from the others as
@@ -26,7 +27,7 @@ _DISTORTED = 3.0
 PERSON = (0.25, 4.0)
 #: Height of people who stand or walk, m, and units that are no powers of ten, in metres.
 _STANDING = (1.1, 2.1)
-_IMPERIAL = {0.0254: "inches", 0.3048: "feet"}
+_IMPERIAL = {INCH: "inches", 12 * INCH: "feet"}
 
 
 def find_wrong_calibration(evidence: Evidence) -> Iterator[Fault]:

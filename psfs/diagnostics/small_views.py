@@ -15,8 +15,8 @@ from psfs.backend import make_evidence_pipeline
 from psfs.background.chroma_key import ChromaKey
 from psfs.background.gaussian import Background, stack_median
 from psfs.cameras.camera import CameraRig
-from psfs.cameras.scaling import scale_pictures
 from psfs.common.numbers import pick_evenly
+from psfs.common.pictures import scale_picture
 from psfs.footage.threads import prefetch
 from psfs.output.preview import tile_pictures
 from psfs.sequence import Frame, Sequence
@@ -197,10 +197,16 @@ class Shrink:
         self.small = rig.scaled(factor) if factor < 1 else rig
 
     def __call__(self, pictures: np.ndarray) -> np.ndarray:
-        """Return small pictures (V, h, w, ...) of pictures (V, H, W, ...): means over areas."""
+        """Return small pictures (V, h, w, ...) of pictures (V, H, W, ...): means over areas; zeros
+        beside those that are smaller than others."""
         if self._factor == 1:
             return pictures
-        return scale_pictures(pictures, self.rig, self.small, self._factor)
+        size = self.small.height, self.small.width
+        out = np.zeros((len(self.rig), *size, *pictures.shape[3:]), pictures.dtype)
+        for of, shown, before, after in zip(pictures, out, self.rig, self.small, strict=True):
+            picture = of[: before.size[1], : before.size[0]]
+            shown[: after.size[1], : after.size[0]] = scale_picture(picture, self._factor)
+        return out
 
     def frame(self, frame: Frame) -> Frame:
         if self._factor == 1:

@@ -19,6 +19,7 @@ from typing import IO, Any
 
 from PIL import Image
 
+from psfs.common.numbers import INCH
 from psfs.common.reading import open_input
 from psfs.footage.media import IMAGE_SUFFIXES
 
@@ -34,7 +35,7 @@ _EQUIVALENT = "com.apple.quicktime.camera.focal_length.35mm_equivalent"
 _EXIF, _FOCAL, _FOCAL_35 = 0x8769, 0x920A, 0xA405
 _DENSITY, _DENSITY_UNIT, _SIDES = 0xA20E, 0xA210, (0xA002, 0xA003)
 #: Units of the density, mm.
-_UNITS = {2: 25.4, 3: 10.0, 4: 1.0}
+_UNITS = {2: 1000 * INCH, 3: 10.0, 4: 1.0}
 #: Focal lengths outside are mistakes, as shares of the longer side: 150 and 5 degrees.
 _LEAST, _MOST = 0.13, 11.5
 

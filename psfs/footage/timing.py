@@ -20,6 +20,7 @@ from cl import InputError
 from psfs.cameras.names import join_names, name_tokens
 from psfs.common.files import MOST_BYTES, read_text
 from psfs.common.reading import parsing
+from psfs.footage.camera_times import MOST_DRIFT
 from psfs.footage.layouts.common import Footage
 from psfs.footage.media import Media
 
@@ -31,8 +32,6 @@ _WHAT = "times of frames"
 _OTHER_UNIT = 100
 #: Names of the columns, the first that is there.
 _COLUMNS = (("cam_id", "camera"), ("frame_index", "frame"), ("frame_time", "time"))
-#: Frame rates that differ by less than this share are treated as equal.
-_SAME_RATE = 0.01
 
 
 @dataclass(frozen=True)
@@ -125,7 +124,7 @@ def _read_clocks(
     stamped = [item.times for item in media if item.times is not None and fps is None]
     if max(rates) > min(rates):
         durations = counts / rates
-        as_many = np.ptp(counts) == 0 or max(rates) - min(rates) > _SAME_RATE * max(rates)
+        as_many = np.ptp(counts) == 0 or max(rates) - min(rates) > MOST_DRIFT * max(rates)
         if as_many and durations.max() * counts.min() > counts.max() * durations.min():
             listed = [f"{item.name} {rate:g}" for item, rate in zip(media, rates, strict=True)]
             note = (

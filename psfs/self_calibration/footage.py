@@ -12,7 +12,7 @@ from cl import Device, NumpyDevice
 from psfs.backend import make_evidence_function
 from psfs.background.gaussian import SAMPLES, Background, estimate_background, median_moments
 from psfs.cameras.camera import CameraRig
-from psfs.cameras.scaling import scale_picture
+from psfs.common.pictures import scale_picture
 from psfs.diagnostics.small_views import (
     SILHOUETTES,
     Outline,

@@ -23,7 +23,7 @@ from psfs.cameras.camera import CameraRig
 from psfs.cli import check, info
 from psfs.diagnostics import examination
 from psfs.diagnostics.alignment import correct_rig
-from psfs.diagnostics.faults import diagnose
+from psfs.diagnostics.examination import diagnose
 from psfs.diagnostics.occluders import find_hidden_pixels
 from psfs.people import people
 from psfs.people.people import count_people

@@ -23,8 +23,8 @@ from psfs.cameras.calibration.toml_tables import write_toml_tables
 from psfs.cli import main
 from psfs.diagnostics.agreement import HullAgreement
 from psfs.diagnostics.arrangement_faults import find_outlier
+from psfs.diagnostics.examination import diagnose
 from psfs.diagnostics.fault import significant
-from psfs.diagnostics.faults import diagnose
 from psfs.sequence import Frame, Sequence
 from psfs.session import Session
 

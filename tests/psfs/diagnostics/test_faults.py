@@ -17,8 +17,8 @@ from psfs.cameras.calibration.toml_tables import write_toml_tables
 from psfs.cameras.camera import CameraRig
 from psfs.cli import main
 from psfs.diagnostics.calibration_faults import find_rig_faults
+from psfs.diagnostics.examination import diagnose
 from psfs.diagnostics.fault import Fault
-from psfs.diagnostics.faults import diagnose
 from psfs.diagnostics.picture_faults import _measure_shift
 from psfs.diagnostics.sequence_info import rig_warnings
 from psfs.sequence import Sequence
