@@ -10,7 +10,7 @@ clean footage has no hidden pixels.
 
 from __future__ import annotations
 
-from functools import partial
+from functools import partial, reduce
 
 import cv2
 import numpy as np
@@ -97,10 +97,9 @@ def find_hidden_in_box(
     edge = max(edge, finest_pixel(rig, VoxelGrid.covering(low, high, edge)))
     grid = VoxelGrid.covering(low, high, edge)
     space = CoarseSpace(rig, grid, OccupancyConfig().seeing_cameras(len(rig)))
-    shown = np.any([maps > 0 for maps in evidence], axis=0)
-    crossed = np.flatnonzero(_look_up(shown, space.pixels).sum(0) >= _AGREEING)
-    denied, confirmed = np.zeros((2, *shown.shape), np.int16)
-    judge = partial(_judge, space, crossed, margin)
+    space.keep(_count(reduce(np.maximum, evidence) > 0, space.pixels) >= _AGREEING)
+    denied, confirmed = np.zeros((2, *evidence[0].shape), np.int16)
+    judge = partial(_judge, space, margin)
     for confirms, denies in map_in_threads(judge, evidence):
         denied += denies
         confirmed += confirms
@@ -113,13 +112,11 @@ def find_hidden_in_box(
     return hidden if hidden.any() else None
 
 
-def _judge(
-    space: CoarseSpace, crossed: np.ndarray, margin: int, evidence: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+def _judge(space: CoarseSpace, margin: int, evidence: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the pixels (V, H, W) bool that confirm, in a frame, what the other cameras see in the
-    voxels `crossed` (N,) of a space, and those that deny it. margin: as of `find_hidden_in_box`."""
+    voxels of a space, and those that deny it. margin: as of `find_hidden_in_box`."""
     shown = evidence > 0
-    rows = crossed[_look_up(shown, space.pixels[:, crossed]).sum(0) >= _AGREEING]
+    rows = np.flatnonzero(_count(shown, space.pixels) >= _AGREEING)
     pixels = space.pixels[:, rows]
     counts = _look_up(evidence, pixels)
     occupied, against = counts.sum(0, dtype=np.int16) > 0, counts < 0
@@ -131,7 +128,7 @@ def _judge(
     denied = np.zeros_like(shown)
     if lonely.any((1, 2)).sum() >= _AGREEING:
         n_against, n_for = against.sum(0), (counts > 0).sum(0)
-        amiss = (_look_up(lonely, pixels).sum(0) >= _AGREEING) & (n_against <= _DENYING)
+        amiss = (_count(lonely, pixels) >= _AGREEING) & (n_against <= _DENYING)
         amiss &= ~occupied & (n_for > n_against)
         for view, own in enumerate(shown):
             denied[view] = space.cover(view, rows[amiss & against[view]]) & ~own
@@ -147,6 +144,11 @@ def _look_up(maps: np.ndarray, pixels: np.ndarray) -> np.ndarray:
             for own, at in zip(flat, pixels, strict=True)
         ]
     )
+
+
+def _count(maps: np.ndarray, pixels: np.ndarray) -> np.ndarray:
+    """Return how many of the maps (V, H, W) bool are true at flat indices (V, N)."""
+    return _look_up(maps, pixels).sum(0, dtype=np.int8)
 
 
 def _bytes(maps: np.ndarray) -> np.ndarray:

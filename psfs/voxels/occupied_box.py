@@ -70,14 +70,19 @@ class CoarseSpace:
         pixels = np.full((len(rig), len(centres)), -1, np.int32)
         depths = np.zeros((len(rig), len(centres)), np.float32)
         self.widths: list[int] = []
-        for view, camera in enumerate(rig):
-            inside, row, column, depth = camera.look_up(centres)
+        found = map_in_threads(lambda camera: camera.look_up(centres), rig.cameras)
+        for view, (camera, (inside, row, column, depth)) in enumerate(zip(rig, found, strict=True)):
             pixels[view, inside], depths[view, inside] = row * rig.width + column, depth
             middle = float(np.median(depth)) if len(depth) else 1.0
             self.widths.append(max(1, round(grid.voxel_size * camera.K[0, 0] / middle)))
-        self.used = np.flatnonzero((pixels >= 0).sum(0) >= min_cameras)
-        self.pixels = np.ascontiguousarray(pixels[:, self.used])
-        self.depths = np.ascontiguousarray(depths[:, self.used])
+        self.used, self.pixels, self.depths = np.arange(len(centres)), pixels, depths
+        self.keep((pixels >= 0).sum(0) >= min_cameras)
+
+    def keep(self, chosen: np.ndarray) -> None:
+        """Keep the voxels `chosen` (N,) bool alone."""
+        self.used = self.used[chosen]
+        self.pixels = np.ascontiguousarray(self.pixels[:, chosen])
+        self.depths = np.ascontiguousarray(self.depths[:, chosen])
 
     def cover(self, view: int, rows: np.ndarray, margin: int = 0) -> np.ndarray:
         """Return the pixels (H, W) bool of a camera that the voxels `used[rows]` cover, and those
