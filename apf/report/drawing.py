@@ -23,9 +23,8 @@ from apf.tracking.track import Track
 from cl import InputError
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.common.pictures import scale_picture
-from psfs.output.preview import crop_view
+from psfs.output.preview import crop_view, label_picture
 from psfs.output.video import write_video
-from psfs.page.pictures import label_picture
 from psfs.sequence import Frame, Sequence
 
 #: RGB of a side of the body, bright enough for dark pictures and grey ones; and of what is lost.
