@@ -210,12 +210,11 @@ def program_parser(
     prog: str,
     description: str,
     commands: Sequence[Command],
-    kind: type[CommandParser] = CommandParser,
     example: str = "",
 ) -> CommandParser:
     """Return the parser of a program with these subcommands; each gets its flags when it parses."""
     headings = {command.group: command.name for command in reversed(commands)}
-    parser = kind(
+    parser = CommandParser(
         prog=prog,
         description=description,
         allow_abbrev=False,
@@ -250,7 +249,7 @@ def run_program(
 ) -> int:
     """Run the subcommand that `argv` names and return the exit code. Only its modules are imported.
     argv: the process's own by default."""
-    parser = program_parser(prog, description, commands, example=example)
+    parser = program_parser(prog, description, commands, example)
 
     def run(args: argparse.Namespace) -> None:
         command = parser.commands[args.command].command

@@ -76,8 +76,8 @@ def read_numbers(path: Path) -> np.ndarray:
         raise InputError(f"{path}: expected numbers only; found {shown}") from None
 
 
-def read_json(path: Path, what: str, most_bytes: int = MOST_BYTES, nan: bool = False) -> Any:
-    """Read a JSON file of at most `most_bytes`. Raises InputError, or MissingFileError if the file
+def read_json(path: Path, what: str, nan: bool = False) -> Any:
+    """Read a JSON file of at most `MOST_BYTES`. Raises InputError, or MissingFileError if the file
     is absent.
 
     what: description of the expected file, for errors. nan: allow NaN and Infinity, which JSON does
@@ -85,7 +85,7 @@ def read_json(path: Path, what: str, most_bytes: int = MOST_BYTES, nan: bool = F
     """
     try:
         constants = None if nan else _reject_constant
-        return json.loads(read_text(path, what, most_bytes), parse_constant=constants)
+        return json.loads(read_text(path, what, MOST_BYTES), parse_constant=constants)
     except (ValueError, RecursionError) as error:
         if isinstance(error, InputError):
             raise

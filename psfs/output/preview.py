@@ -182,16 +182,14 @@ def _light(normals: np.ndarray, blur: float, nearest: np.ndarray) -> np.ndarray:
     return 0.34 + 0.66 * key + 0.16 * fill
 
 
-def draw_outline(
-    picture: np.ndarray, silhouette: np.ndarray, colour: tuple[int, int, int] = _OUTLINE
-) -> np.ndarray:
+def draw_outline(picture: np.ndarray, silhouette: np.ndarray) -> np.ndarray:
     """Draw the outline of `silhouette` (h, w) bool on a copy of `picture` (h, w, 3)."""
     contours, _ = cv2.findContours(
         silhouette.astype(np.uint8), cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE
     )
     drawn = picture.copy()
     width = max(1, round(picture.shape[1] / 400))
-    cv2.drawContours(drawn, contours, -1, colour, width, cv2.LINE_AA)
+    cv2.drawContours(drawn, contours, -1, _OUTLINE, width, cv2.LINE_AA)
     return drawn
 
 

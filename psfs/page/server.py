@@ -41,8 +41,8 @@ class Gate:
     """The check of each request: its path begins with the token, and its host is this machine.
     title: of the page, as the browser's tab has it."""
 
-    def __init__(self, token: str | None = None, title: str = "psfs-apf") -> None:
-        self.token, self.title = token or secrets.token_urlsafe(24), title
+    def __init__(self, title: str = "psfs-apf") -> None:
+        self.token, self.title = secrets.token_urlsafe(24), title
 
     def strip_token(self, path: str, host: str) -> str | None:
         """Return the `path` of a request without the token; None if the request is to be refused.
@@ -163,7 +163,7 @@ class BrowserPage:
     """An empty page. label: above its panels. port: see `start_server`."""
 
     def __init__(self, label: str, port: int = 0) -> None:
-        self.gate = Gate(title=label)
+        self.gate = Gate(label)
         self.server = start_server(port, self.gate)
         gui = self.server.gui
         self._choose_theme(False)
