@@ -18,7 +18,7 @@ from psfs.cameras.camera import CameraRig
 from psfs.cameras.rig_geometry import find_seen_box, required_cameras
 from psfs.common.numbers import pick_evenly
 from psfs.voxels.grid import VoxelGrid
-from psfs.voxels.occupied_box import CoarseSpace
+from psfs.voxels.occupied_box import CoarseSpace, look_up
 
 #: Most voxels of the grid around the person, and frames in which it is carved.
 _VOXELS, _FRAMES = 150_000, 12
@@ -116,8 +116,7 @@ class HullAgreement:
         """Return the voxels (N,) that enough cameras see and of these all but two show, and which
         cameras (len(views), N) see them and show none."""
         pixels = self.space.pixels[views]
-        pairs = zip(self._wide[frame, views], pixels, strict=True)
-        shown = np.stack([np.append(wide, 0)[at] > 0 for wide, at in pairs])
+        shown = look_up(self._wide[frame, views], pixels) > 0
         missing = (pixels >= 0) & ~shown
         needed = max(1, min(2, len(views) - 1))
         voxels = np.flatnonzero((missing.sum(0) <= 2) & (shown.sum(0) >= needed))

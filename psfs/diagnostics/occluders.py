@@ -26,7 +26,7 @@ from psfs.silhouettes.config import SilhouetteConfig
 from psfs.volume import find_volume
 from psfs.voxels.config import OccupancyConfig
 from psfs.voxels.grid import VoxelGrid
-from psfs.voxels.occupied_box import CoarseSpace, finest_pixel
+from psfs.voxels.occupied_box import CoarseSpace, finest_pixel, look_up
 
 #: Examined frames, spread over the sequence.
 _SAMPLES = 64
@@ -118,7 +118,7 @@ def _judge(space: CoarseSpace, margin: int, evidence: np.ndarray) -> tuple[np.nd
     shown = evidence > 0
     rows = np.flatnonzero(_count(shown, space.pixels) >= _AGREEING)
     pixels = space.pixels[:, rows]
-    counts = _look_up(evidence, pixels)
+    counts = look_up(evidence, pixels)
     occupied, against = counts.sum(0, dtype=np.int16) > 0, counts < 0
     explained = np.stack(
         [space.cover(view, rows[occupied], 2 * margin) for view in range(len(shown))]
@@ -135,20 +135,9 @@ def _judge(space: CoarseSpace, margin: int, evidence: np.ndarray) -> tuple[np.nd
     return shown & explained, denied
 
 
-def _look_up(maps: np.ndarray, pixels: np.ndarray) -> np.ndarray:
-    """Return the values (V, N) of maps (V, H, W) at flat indices (V, N); 0 at the index -1."""
-    flat = maps.reshape(len(maps), -1)
-    return np.stack(
-        [
-            np.append(own, own.dtype.type(0)).take(at, mode="wrap")
-            for own, at in zip(flat, pixels, strict=True)
-        ]
-    )
-
-
 def _count(maps: np.ndarray, pixels: np.ndarray) -> np.ndarray:
     """Return how many of the maps (V, H, W) bool are true at flat indices (V, N)."""
-    return _look_up(maps, pixels).sum(0, dtype=np.int8)
+    return look_up(maps, pixels).sum(0, dtype=np.int8)
 
 
 def _bytes(maps: np.ndarray) -> np.ndarray:

@@ -80,8 +80,5 @@ def find_person_in_views(
 def _find_edges(outline: Outline, size: tuple[int, int]) -> np.ndarray:
     """Return which edges of a picture of `size` an outline reaches (4,) bool: left, top, right,
     bottom."""
-    points = outline.contour[outline.contour_at_border]
-    if not len(points):
-        return np.zeros(4, bool)
-    last = np.array(size) - 2
+    points, last = outline.contour, np.array(size) - 2
     return np.concatenate([(points <= 1).any(axis=0), (points >= last).any(axis=0)])

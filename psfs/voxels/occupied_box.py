@@ -103,6 +103,17 @@ class CoarseSpace:
         return self.used[votes > 0]
 
 
+def look_up(maps: np.ndarray, pixels: np.ndarray) -> np.ndarray:
+    """Return the values (V, N) of maps (V, H, W) at flat indices (V, N); 0 at the index -1."""
+    flat = maps.reshape(len(maps), -1)
+    return np.stack(
+        [
+            np.append(own, own.dtype.type(0)).take(at, mode="wrap")
+            for own, at in zip(flat, pixels, strict=True)
+        ]
+    )
+
+
 def largest_parts_box(
     rig: CameraRig, evidence: list[np.ndarray], grid: VoxelGrid, min_cameras: int
 ) -> tuple[np.ndarray, np.ndarray] | None:
