@@ -201,9 +201,8 @@ def _grey(values: np.ndarray) -> np.ndarray:
 
 def _add_label(panel: np.ndarray, text: str, width: int) -> np.ndarray:
     """Return the panel on a ground of `width` px, with `text` above it."""
-    height = panel.shape[0]
-    drawn = np.full((height + _TITLE + _GAP, width + _GAP, 3), _GROUND, np.uint8)
-    drawn[_TITLE : _TITLE + height, : panel.shape[1]] = panel
+    sides, ground = (_TITLE, _GAP, 0, width + _GAP - panel.shape[1]), 3 * (_GROUND,)
+    drawn = cv2.copyMakeBorder(panel, *sides, cv2.BORDER_CONSTANT, value=ground)
     at, font = (6, _TITLE - 7), cv2.FONT_HERSHEY_SIMPLEX
     cv2.putText(drawn, text, at, font, 0.45, (255, 255, 255), 1, cv2.LINE_AA)
     return drawn

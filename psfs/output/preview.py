@@ -13,6 +13,7 @@ from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.footprints import voxel_footprints
 from psfs.common.colours import CLAY
 from psfs.common.numbers import pick_evenly
+from psfs.common.pictures import scale_picture
 from psfs.common.ranges import escape_unprintable
 from psfs.sequence import Frame
 from psfs.voxels.clouds import coarsen, estimate_normals
@@ -108,9 +109,7 @@ def shade_points(
         light = _light(normals @ fine.axes.T, 0.8 * width * scale, nearest)
         base = 255 * np.array(CLAY[::-1]) if colours is None else colours[nearest][..., ::-1]
         picture = np.where(nearest[..., None] >= 0, base * light[..., None], picture)
-    factor = 1 / _SUPERSAMPLING
-    small = cv2.resize(picture, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA)
-    return np.clip(small, 0, 255).astype(np.uint8)
+    return np.clip(scale_picture(picture, 1 / _SUPERSAMPLING), 0, 255).astype(np.uint8)
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ import numpy as np
 
 from cl import UserError
 from psfs.cameras.camera import CameraRig
+from psfs.common.pictures import scale_picture
 from psfs.output.preview import crop_view, label_picture, tile_pictures
 from psfs.page.words import REFRESH
 from psfs.sequence import Frame, Sequence
@@ -84,8 +85,7 @@ def draw_views(frame: Frame, rig: CameraRig, view: int | None) -> np.ndarray:
 def shrink_picture(picture: np.ndarray, width: int = _WIDTH) -> np.ndarray:
     """Return a picture (h, w, 3) uint8 BGR at most `width` px wide, as RGB."""
     scale = min(1.0, width / picture.shape[1])
-    small = cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
-    return np.ascontiguousarray(small[..., ::-1])
+    return np.ascontiguousarray(scale_picture(picture, scale)[..., ::-1])
 
 
 def fill_view(server: viser.ViserServer, picture: np.ndarray | None) -> None:
