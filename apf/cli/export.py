@@ -14,6 +14,7 @@ from apf.tracking.people import holds_people, person_folder
 from apf.tracking.track import spans
 from psfs.cli.commandline import stdout
 from psfs.common.outputs import output_folder
+from psfs.common.ranges import NAMED
 
 
 def run(request: ExportRequest) -> None:
@@ -52,13 +53,14 @@ def print_export(written: Export, gait_wanted: bool, seen: np.ndarray) -> None:
         stdout.print(f"{shown}{held}; track.npz and joints.trc keep them as they were tracked")
     for what, rows in (("was lost", track.lost & there), ("was not there", track.lost & ~there)):
         if rows.any():
+            frames = spans(track.frames[rows].tolist(), NAMED)
             stdout.print(
-                f"the person {what} in frames {spans(track.frames[rows].tolist())}: missing values "
-                "there, in BVH and GLB the pose before, in MOT bridged"
+                f"the person {what} in frames {frames}: missing values there, in BVH and GLB the "
+                "pose before, in MOT bridged"
             )
     if track.body is not None and track.lost_limbs.any():
         columns = zip(limb_names(track.body), track.lost_limbs.T, strict=True)
-        limbs = [f"{n} in {spans(track.frames[c].tolist())}" for n, c in columns if c.any()]
+        limbs = [f"{n} in {spans(track.frames[c].tolist(), NAMED)}" for n, c in columns if c.any()]
         stdout.print(
             f"limbs were lost, by frames: {'; '.join(limbs)}: missing values there, in BVH, GLB "
             "and MOT bridged"

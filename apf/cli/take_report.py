@@ -21,6 +21,7 @@ from apf.tracking.track import PEOPLE, spans
 from cl import Device, InputError, NumpyDevice
 from psfs.cli.commandline import stderr, stdout
 from psfs.common.outputs import output_folder
+from psfs.common.ranges import NAMED
 
 
 def track_one(
@@ -83,7 +84,9 @@ def print_outcome(judgement: Judgement, n_frames: int) -> None:
         return
     stdout.print(f"{len(track)} frames tracked: {folder}")
     if len(track.restarts):
-        stdout.print(f"found again by a new search in frames {spans(track.restarts.tolist())}")
+        stdout.print(
+            f"found again by a new search in frames {spans(track.restarts.tolist(), NAMED)}"
+        )
     for line in judgement.quality.lines():
         stdout.print(line)
     stdout.print(f"wrote {', '.join(judgement.files)}")

@@ -26,6 +26,7 @@ from apf.tracking.correction import list_corrections
 from apf.tracking.limb_confidence import LEAST_SECONDS, LOST, lasts_long_enough
 from apf.tracking.track import Track, spans
 from psfs.common.numbers import json_number, mean_known
+from psfs.common.ranges import NAMED
 
 #: A part with less confidence should be checked; a limb counts as lost below it, too.
 DOUBTFUL = LOST
@@ -44,8 +45,6 @@ _EXPLAINED = 0.88
 #: Greatest expected error of a good track and least one of a bad track, m: of 112 tracks of good
 #: ones one had 2 % of its joints beyond 150 mm, of 23 others 17.
 _GOOD, _BAD = 0.045, 0.075
-#: Most frame ranges that a line lists; the page shows all.
-_NAMED = 4
 
 #: What an interrupted track lacks.
 INTERRUPTED = (
@@ -194,7 +193,7 @@ class Quality:
         track, lost, n_there = self.track, int(self.lost.sum()), int(self.there.sum())
         facts = [f"{lost} of {n_there} frames lost" if lost else "no frame lost"]
         if n_there < len(track):
-            facts.append(f"not there in frames {spans(track.frames[~self.there].tolist())}")
+            facts.append(f"not there in frames {spans(track.frames[~self.there].tolist(), NAMED)}")
         if self.agreement is not None:
             means = camera_means(self.agreement.body_iou)
             worst = int(np.argmin(np.nan_to_num(means, nan=1.0)))
@@ -228,8 +227,8 @@ class Quality:
         lines += [f"in doubt because {doubt}" for doubt in self.doubts]
         for what, rows in self.doubtful.items():
             ranges = self._ranges(rows)
-            more = f" and {len(ranges) - _NAMED} more" if len(ranges) > _NAMED else ""
-            shown = ", ".join(spans(range(a, b + 1)) for a, b in ranges[:_NAMED])
+            more = f" and {len(ranges) - NAMED} more" if len(ranges) > NAMED else ""
+            shown = ", ".join(spans(range(a, b + 1)) for a, b in ranges[:NAMED])
             lines.append(f"look at {what}: frames {shown}{more}")
         return lines
 

@@ -15,6 +15,8 @@ from cl import InputError
 LARGEST, SMALLEST = 1e9, 1e-12
 #: Pixels along a side of a picture, and in all.
 LONGEST_SIDE, MOST_PIXELS = 32_768, 2**28
+#: Most ranges of frames that a message names; files have all.
+NAMED = 4
 
 
 def check_kind(
@@ -63,15 +65,18 @@ def range_text(
     return ", ".join(filter(None, (low, high)))
 
 
-def spans(frames: Sequence[int]) -> str:
-    """Format frame numbers for a message: `3, 25-32`."""
+def spans(frames: Sequence[int], most: int | None = None) -> str:
+    """Format frame numbers for a message: `3, 25-32`; most: how many ranges are named."""
     pieces: list[list[int]] = []
     for frame in frames:
         if pieces and frame == pieces[-1][-1] + 1:
             pieces[-1].append(frame)
         else:
             pieces.append([frame])
-    return ", ".join(f"{p[0]}-{p[-1]}" if len(p) > 1 else f"{p[0]}" for p in pieces)
+    named = ", ".join(f"{p[0]}-{p[-1]}" if len(p) > 1 else f"{p[0]}" for p in pieces[:most])
+    return (
+        named if most is None or len(pieces) <= most else f"{named} and {len(pieces) - most} more"
+    )
 
 
 def check_picture_size(size: tuple[int, int], what: str) -> None:

@@ -47,6 +47,7 @@ def test_what_the_tracker_knows_of_itself(tmp_path: Path) -> None:
     np.testing.assert_array_equal(found.covariance, told["covariance"])
     np.testing.assert_array_equal(found.confidence, told["confidence"])
     assert spans([1, 2, 5, 8, 9]) == "1-2, 5, 8-9" and spans([]) == ""
+    assert spans([1, 2, 5, 8, 9], 2) == "1-2, 5 and 1 more" and spans([1, 3], 2) == "1, 3"
 
 
 def test_the_cones_in_the_npz_are_those_that_are_known(tmp_path: Path) -> None:
