@@ -18,7 +18,7 @@ from apf.initialisation.body_fit import Cloud, Fitted, SurfaceEvidence, fit_body
 from apf.initialisation.config import StartConfig
 from apf.initialisation.kept_voxels import LEAST_VOXELS, cut_by_height, select_person_points
 from apf.initialisation.shape_model import ShapeModel, inner_axes
-from apf.initialisation.start import Start, StartError, check_startable
+from apf.initialisation.start import RIVAL, Start, StartError, check_startable
 from apf.likelihood.observations import AnyVoxels
 from apf.scene import Scene
 
@@ -93,9 +93,19 @@ def find_start(
             f"{best.misfit:.2f}; expected less than {_HOPELESS})"
         )
     seen = float(np.median([np.ptp(cloud.heights) for cloud in clouds]))
-    girth = float(np.exp(best.shape[:2].sum())) * stature(scene.body) / seen
-    rival = rivals[0].cost / fits[0].cost if rivals else np.inf
-    return Start(search.model.body(best.shape), best.poses[0], rival, seen, girth)
+
+    def make_start(found: Hypothesis, rival: float, rivals: Sequence[Start] = ()) -> Start:
+        girth = float(np.exp(found.shape[:2].sum())) * stature(scene.body) / seen
+        body = search.model.body(found.shape)
+        return Start(body, found.poses[0], rival, seen, girth, tuple(rivals))
+
+    factors = [each.cost / fits[0].cost for each in rivals]
+    others = [
+        make_start(each, factor)
+        for each, factor in zip(rivals, factors, strict=True)
+        if factor <= RIVAL
+    ]
+    return make_start(best, min(factors, default=np.inf), others)
 
 
 def _select_observations(

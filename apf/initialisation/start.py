@@ -11,8 +11,9 @@ from apf.body.stature import stature
 from apf.initialisation.shape_model import SPREAD
 from cl import InputError
 
-#: Factor of the cost below which a start with another heading makes this one doubtful.
-_RIVAL = 1.1
+#: Factor of the cost up to which a start with another heading is followed through the take, which
+#: decides between them, and below which it makes this one doubtful.
+RIVAL, _DOUBTFUL = 1.25, 1.05
 #: Standard deviations of people's girth beyond which hardly anybody stands or walks.
 _STOUT = 3.0
 
@@ -28,7 +29,7 @@ class Start:
     body: the template in the person's size. pose: (D,). rival: cost of the best start with another
     heading, divided by that of this one; infinite if there is none. seen: m, height of the visible
     part of the person. girth: thickness of the body relative to that height; that of the upright
-    template is 1.
+    template is 1. rivals: the starts with other headings that cost up to `RIVAL` times as much.
     """
 
     body: BodyModel
@@ -36,12 +37,13 @@ class Start:
     rival: float
     seen: float
     girth: float
+    rivals: tuple[Start, ...] = ()
 
     @property
     def doubts(self) -> list[str]:
         """Doubts about this start, a sentence each."""
         found = []
-        if self.rival < _RIVAL:
+        if self.rival < _DOUBTFUL:
             found.append("the heading is ambiguous: another one fits the voxels nearly as well")
         if np.log(self.girth) > _STOUT * SPREAD["girth"]:
             found.append(

@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass, replace
 
-from apf.initialisation.personal import Outlines
 from apf.initialisation.start import StartError
 from apf.report.judged import keep_judged_frames
 from apf.report.summary import read_summary, read_tracked_grid
@@ -28,15 +27,15 @@ from apf.takes.start import (
     warn_of_doubts,
 )
 from apf.tracking.correction import Corrections, read_corrections
-from apf.tracking.progress import StageProgress
+from apf.tracking.progress import AGAIN, StageProgress
 from apf.tracking.retracking import Retracking, apply_corrections
 from apf.tracking.settings import GivenStart, TakeSettings
 from apf.tracking.take import (
     StartedTake,
     Take,
     check_cameras,
-    fit_personal,
     start_take,
+    track_once,
     track_started,
 )
 from apf.tracking.together import fit_together
@@ -94,6 +93,7 @@ def run_track(
     left_out = {
         "overlay": not (writes and request.video), "checking": not (writes and request.report),
         "tracking back": not back, "fitting": not back,
+        **dict.fromkeys(AGAIN, not back or request.init is not None),
     }  # fmt: skip
     is_gpu = isinstance(device, Device) and device.is_gpu
     progress.expect([stage for stage, out in left_out.items() if out], is_gpu)
@@ -152,19 +152,17 @@ def _track_people(
                 raise
             progress.warn(f"{error}; without a first pose it is left out, as an object")
             persons = persons.without(number)
-    takes, outlines = list[Take](), dict[int, Outlines]() if persons.alone else None
+    takes, follow = list[Take](), track_started if persons.alone else track_once
     for number, start in enumerate(started, start=1):
         session = _begin_person(job, persons, number)
         _keep_judged(job, session)
         folders = persons.job(job, number).folders
         keep = Keeper(folders) if folders else None
-        takes.append(track_started(start, progress, keep, outlines))
+        takes.append(follow(start, progress, keep))
         if was_interrupted(takes[-1].tracks[0], len(session.frames)) or takes[-1].error is not None:
             break
-    if outlines is None:
+    if not persons.alone:
         takes = fit_together(started, takes)
-    else:
-        takes = [fit_personal(started[0], takes[0], outlines, progress)]
     done = []
     for number, take in enumerate(takes, start=1):
         session = _begin_person(job, persons, number)

@@ -13,20 +13,20 @@ import numpy as np
 
 from apf.body.kinematics import posed_joints
 from apf.body.limbs import add_ankles
+from apf.body.model import BodyModel
 from apf.initialisation.personal import Outlines, PersonalFit
 from apf.tracking.track import Track
 from apf.tracking.two_way import SMOOTHED_SECONDS, smooth_poses
 
 
 def fit_personal_body(
-    tracks: Sequence[Track], outlines: Mapping[int, Outlines], fps: float
+    tracks: Sequence[Track], template: BodyModel, outlines: Mapping[int, Outlines], fps: float
 ) -> list[Track]:
     """Return the tracks of a take with the person's own body, measured along the first of them, and
     poses that fit it to the `outlines` of the frames. Frames in which the person was lost stay as
-    they were. fps: frames tracked per second."""
+    they were. template: the body of the start. fps: frames tracked per second."""
     first = tracks[0]
-    assert first.body is not None
-    fit = PersonalFit(add_ankles(first.body))
+    fit = PersonalFit(add_ankles(template))
     rows, shown = _find_shown(first, outlines)
     measures, covariance = fit.measure(shown, _with_ankles(first.poses, fit)[rows])
     body = fit.shape.body(measures)

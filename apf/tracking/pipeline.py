@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Iterable, Iterator
 from collections.abc import Sequence as Items
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, TypeAlias, cast
@@ -43,6 +43,7 @@ from psfs.sequence import Frame
 from psfs.session import Session
 from psfs.silhouettes.hidden import UNKNOWN
 from psfs.volume import automatic_grid
+from psfs.voxels.body_prior import TrackedBody
 from psfs.voxels.device_voxels import Voxels
 from psfs.voxels.grid import VoxelGrid
 from psfs.voxels.host_voxels import HostVoxels
@@ -62,7 +63,7 @@ class TrackingTask:
     """A body to track, from `pose` (D,) on, by `method`, with one track for each of `seeds`.
     keypoints: returns the observed points of a frame, by its number. frame: number of the frame
     that shows the pose, from which the body is tracked to both ends of the take; by default the
-    first one."""
+    first one. tracked: the body in an earlier pass, as a prior of the silhouettes and voxels."""
 
     body: BodyModel
     pose: np.ndarray
@@ -70,6 +71,7 @@ class TrackingTask:
     seeds: list[int]
     keypoints: FrameKeypoints | None = None
     frame: int | None = None
+    tracked: TrackedBody | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,13 +150,13 @@ def observations(
     else:
         observe: Callable[[Frame], Shown]
         if method.uses_voxels:
-            observe = session.reconstructor(automatic_grid(session))
+            observe = session.reconstructor(automatic_grid(session), task.tracked)
         else:
             observe = make_observer(session.device, session, None, method, session.reconstruction)
         stop = frames.stop if frames.stop >= 0 else None
         chosen = slice(frames.start, stop, frames.step)
         seen = observe_frames(observe, session.sequence.frames(chosen))
-        if method.uses_voxels:
+        if method.uses_voxels and task.tracked is None:
             seen = _keep_in_session(session, seen)
     if keypoints is None:
         return seen
@@ -251,7 +253,7 @@ class _Parts:
             raise self.error or InputError("there is no frame to track; expected at least one")
         tracks = [concatenate_tracks(run).judged for run in zip(*self.chunks, strict=True)]
         if isinstance(self.error, KeyboardInterrupt):
-            tracks = [_mark_interrupted(track) for track in tracks]
+            tracks = [track.as_interrupted for track in tracks]
         return Tracked(tracks, self.error if isinstance(self.error, UserError) else None)
 
 
@@ -279,11 +281,6 @@ def _collect_parts(
             except (UserError, KeyboardInterrupt) as failure:
                 error, more = failure, False
     return _Parts(parts if numbers == sorted(numbers) else parts[::-1], error)
-
-
-def _mark_interrupted(track: Track) -> Track:
-    made = {**json.loads(track.provenance), "interrupted": True}
-    return replace(track, provenance=json.dumps(made))
 
 
 def _track_part(

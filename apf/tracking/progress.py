@@ -29,11 +29,17 @@ _FOR_ALL = {"opening": _Cost(0.5), "examining": _Cost(4), "people": _Cost(0.8)}
 _FOR_EACH = {
     **{"volume": _Cost(0.4), "start": _Cost(3), "preparing": _Cost(0.4)},
     **{"tracking": _Cost(0, 0.012), "tracking back": _Cost(0, 0.005), "fitting": _Cost(2, 0.04)},
+    **{"tracking again": _Cost(0, 0.012), "tracking back again": _Cost(0, 0.005)},
+    "fitting again": _Cost(2, 0.04),
     **{"overlay": _Cost(0, 0.02), "checking": _Cost(2)},
 }
 _ORDER = (*_FOR_ALL, *_FOR_EACH)
 #: The stages that report after every frame.
-BY_FRAMES = frozenset(("tracking", "tracking back", "overlay"))
+BY_FRAMES = frozenset(
+    ("tracking", "tracking back", "tracking again", "tracking back again", "overlay")
+)
+#: The stages of the second pass over a take.
+AGAIN = ("tracking again", "tracking back again", "fitting again")
 #: Factor of the frames' time on a device that is no GPU.
 _CPU_FRAMES = 8.0
 

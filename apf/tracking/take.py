@@ -13,6 +13,7 @@ from typing import TypeAlias
 import numpy as np
 
 from apf.body.kinematics import posed_joints
+from apf.body.limbs import limb_ends
 from apf.body.model import BodyModel
 from apf.filters.method import Method
 from apf.filters.term_weights import list_comparing_weights
@@ -22,6 +23,7 @@ from apf.initialisation.kept_voxels import LEAST_VOXELS, select_person_points
 from apf.initialisation.personal import Outlines
 from apf.initialisation.sequence import initialise
 from apf.initialisation.start import Start, StartError, check_startable
+from apf.tracking.limb_confidence import LEAST_DISTANCE, SAME_PLACE
 from apf.tracking.personal_pass import fit_personal_body
 from apf.tracking.pipeline import TrackingTask, track_frames
 from apf.tracking.settings import TakeSettings
@@ -32,6 +34,7 @@ from psfs.common.progress import one_blas_thread
 from psfs.sequence import Sequence
 from psfs.session import Session
 from psfs.volume import automatic_grid
+from psfs.voxels.body_prior import TrackedBody
 from psfs.voxels.grid import VoxelGrid
 
 #: Stores the body, its first pose (D,) and a chunk of each seed's track; returns the files, or
@@ -83,21 +86,18 @@ def track_take(
     """Find the person in the session's frames and track them.
 
     The start is sought in the frames in which the person is seen best, see `rank_starts`; from
-    there they are tracked to both ends. In frames that show nobody, the track is lost and not
-    `present`.
+    there they are tracked to both ends, twice, see `track_started`. In frames that show nobody, the
+    track is lost and not `present`.
 
     progress: called with the name of every stage that begins ("keypoints", "volume", "start",
-    "preparing"), repeatedly with "start" during the start, and after each frame with "tracking"
-    (forward pass) or "tracking back" (backward pass). A KeyboardInterrupt during tracking ends the
-    tracks after the last complete frame. keep: called about once per second of tracking with the
-    body, its first pose, and the tracks of the frames since its last call; if it stores them, they
-    are not held in memory. Raises UserError; an error after the first frame ends the tracks and
-    becomes the take's `error`.
+    "preparing", "fitting"), repeatedly with "start" during the start, and after each frame with
+    "tracking" (forward) or "tracking back" (backward); in the second pass with "tracking again" and
+    so on. A KeyboardInterrupt during tracking ends the tracks after the last complete frame. keep:
+    called about once per second of the first pass with the body, its first pose, and the tracks of
+    the frames since its last call; if it stores them, they are not held in memory. Raises
+    UserError; an error after the first frame ends the tracks and becomes the take's `error`.
     """
-    started = start_take(session, settings, progress)
-    outlines = dict[int, Outlines]()
-    take = track_started(started, progress, keep, outlines)
-    return fit_personal(started, take, outlines, progress)
+    return track_started(start_take(session, settings, progress), progress, keep)
 
 
 def start_take(
@@ -136,17 +136,79 @@ def start_take(
     points = None if keypoint_fit is None else keypoint_fit.observations
     task = TrackingTask(body, pose, method, settings.run_seeds, points, frame)
     personal = start is not None and method.goes_back and not settings.keep_shape
-    return StartedTake(session, task, start, personal)
+    started = StartedTake(session, task, start, personal)
+    return choose_heading(started, lambda stage: report("start"))
 
 
 def track_started(
     started: StartedTake,
     progress: Callable[[str], object] | None = None,
     keep: Keep | None = None,
+) -> Take:
+    """Track the person of a start, the second part of `track_take`: all frames of the first pass
+    together measure the person's own body, see `apf.initialisation.personal`, which the second pass
+    tracks."""
+    outlines = dict[int, Outlines]()
+    first = fit_personal(started, track_once(started, progress, keep, outlines), outlines, progress)
+    if not outlines or first.error is not None or first.tracks[0].interrupted:
+        return first
+    return track_again(started, first, progress)
+
+
+def track_again(
+    started: StartedTake, first: Take, progress: Callable[[str], object] | None = None
+) -> Take:
+    """Return the take after another pass over it, with the body of the `first` one, and with
+    silhouettes and voxels that expect it where that has seen it. If an interrupt or an error ends
+    the pass, the first one counts."""
+    body = TrackedBody(
+        started.session.sequence.folder, first.tracks[0].frames, first.tracks[0].known_cones
+    )
+    task = replace(started.task, body=first.body, pose=first.pose, tracked=body)
+    report = None if progress is None else lambda stage: progress(f"{stage} again")
+    outlines = dict[int, Outlines]()
+    second = track_once(replace(started, task=task), report, None, outlines)
+    seconds = first.seconds + second.seconds
+    if second.error is not None or second.tracks[0].interrupted:
+        tracks = [each.as_interrupted for each in first.tracks]
+        return replace(first, tracks=tracks, error=second.error, seconds=seconds)
+    second = fit_personal(started, replace(second, seconds=seconds), outlines, report)
+    pairs = zip(first.tracks, second.tracks, strict=True)
+    return replace(second, tracks=[compare_passes(*pair) for pair in pairs])
+
+
+def choose_heading(
+    started: StartedTake, progress: Callable[[str], object] | None = None
+) -> StartedTake:
+    """Return the start, or the one of its rivals with another heading, whose body fits best to the
+    whole take when it is tracked in one direction. Its `rival` is then that of the take."""
+    start, task = started.start, started.task
+    if not started.personal or start is None or not start.rivals:
+        return started
+    one_way = task.method.replace(both_ways=False)
+    tried: list[tuple[float, int, np.ndarray, Start]] = []
+    for number, each in enumerate((start, *start.rivals)):
+        alone = replace(task, body=each.body, pose=each.pose, method=one_way, seeds=task.seeds[:1])
+        track = track_frames(started.session, alone, progress).tracks[0]
+        error = float(-np.mean(track.diagnostics["best_log_weight"]))
+        tried.append((error, number, track.joints, each))
+    error, _, joints, best = min(tried, key=lambda one: one[:2])
+    other = [
+        of[0] / error for of in tried
+        if np.linalg.norm(of[2] - joints, axis=-1).mean() > SAME_PLACE
+    ]  # fmt: skip
+    best = replace(best, rival=min(other, default=np.inf), rivals=())
+    return replace(started, start=best, task=replace(task, body=best.body, pose=best.pose))
+
+
+def track_once(
+    started: StartedTake,
+    progress: Callable[[str], object] | None = None,
+    keep: Keep | None = None,
     outlines: dict[int, Outlines] | None = None,
 ) -> Take:
-    """Track the body of the start, the second part of `track_take`. outlines: receives those of
-    the frames' silhouettes, by their numbers, if they are needed."""
+    """Track the body of a start through the take in one pass. outlines: receives those of the
+    frames' silhouettes, by their numbers, if they are needed."""
     report = progress or (lambda stage: None)
     report("preparing")
     began, task = time.perf_counter(), started.task
@@ -167,19 +229,34 @@ def fit_personal(
     outlines: Mapping[int, Outlines],
     progress: Callable[[str], object] | None = None,
 ) -> Take:
-    """Return the take with the person's own body, the last part of `track_take`."""
+    """Return the take with the person's own body, which is measured from the body of the start."""
     if not (started.personal and outlines):
         return take
     if progress is not None:
         progress("fitting")
-    began = time.perf_counter()
+    began, template = time.perf_counter(), started.task.body
     with one_blas_thread():  # the products are small
-        tracks = fit_personal_body(take.tracks, outlines, started.session.rate)
+        tracks = fit_personal_body(take.tracks, template, outlines, started.session.rate)
     pose = tracks[0].poses[list(tracks[0].frames).index(take.frame)]
     seconds = take.seconds + time.perf_counter() - began
     return replace(
         take, body=tracks[0].body or take.body, pose=pose, tracks=tracks, seconds=seconds
     )
+
+
+def compare_passes(first: Track, second: Track) -> Track:
+    """Return the second of two tracks of the same frames with the disagreement of the passes of
+    both: a body that is expected somewhere agrees too easily there."""
+    passes = "limb_disagreement"
+    if passes not in first.diagnostics or passes not in second.diagnostics:
+        return second
+    ends = limb_ends(second.its_body)
+    moved = np.linalg.norm(first.joints[:, ends] - second.joints[:, ends], axis=-1)
+    before = np.maximum(np.maximum(first.diagnostics[passes], moved), LEAST_DISTANCE)
+    after = np.maximum(second.diagnostics[passes], LEAST_DISTANCE)
+    stated = {k: of for k, of in second.diagnostics.items() if k != "limb_confidence"}
+    joined = np.where(np.isnan(before), after, np.sqrt(before * after))
+    return replace(second, diagnostics={**stated, passes: joined}).judged
 
 
 def _find_start(

@@ -344,17 +344,26 @@ class Track:
         }
         if self.body is not None:
             arrays["body"] = format_body(self.body)
-            arrays["cones"] = self._known_cones(self.body)
+            arrays["cones"] = self.known_cones.astype(np.float32)
         arrays |= {_DIAGNOSTIC + name: values for name, values in self.diagnostics.items()}
         with write_atomically(path) as temporary:
             np.savez_compressed(temporary, **arrays)
 
-    def _known_cones(self, body: BodyModel) -> np.ndarray:
-        """Return the cones that the npz holds for `psfs`, which knows no bodies."""
-        cones = posed_cones(body, self.poses).astype(np.float32)
+    @property
+    def known_cones(self) -> np.ndarray:
+        """The posed cones (F, C, 16), see `psfs.common.cones`, for `psfs`, which knows no bodies;
+        NaN where the person or the limb is lost."""
+        body = self.its_body
+        cones = posed_cones(body, self.poses)
         lost = self.lost_limbs @ limb_bones(body)[:, [cone.bone for cone in body.cones]]
         cones[lost | self.lost[:, None]] = np.nan
         return cones
+
+    @property
+    def as_interrupted(self) -> Track:
+        """The track, marked as one that an interrupt or an error ended early."""
+        made = {**_provenance(self.provenance), "interrupted": True}
+        return replace(self, provenance=json.dumps(made))
 
     @classmethod
     def open(cls, path: str | Path) -> Track:
