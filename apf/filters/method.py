@@ -13,7 +13,7 @@ from apf.filters.objectives import OBJECTIVES, ObjectiveSpec
 from apf.filters.searches import SEARCHES, SirConfig, SwarmConfig
 from apf.filters.term_weights import KEYPOINTS_ON
 from apf.image_objective.config import FeatureConfig, ObjectiveConfig
-from psfs.common.config import Config, natural, part, setting, with_parts
+from psfs.common.config import Config, part, setting, with_parts
 
 #: Settings of single searches and objectives, by their field names in `Method`.
 _OWN_SETTINGS = dict(
@@ -50,12 +50,6 @@ class Method(Config):
         True,
         "Whether a take is also tracked backward, see `apf.tracking.two_way`; not with image "
         "features.",
-        "docs/accuracy.md",
-    )
-    runs: int = natural(
-        2,
-        "Number of runs, each with a forward and a backward pass, that are then fused into a "
-        "track.",
         "docs/accuracy.md",
     )
     #: Settings of every search, and of the voxels' likelihood. A swarm compares errors of different
@@ -117,11 +111,6 @@ class Method(Config):
         return self.both_ways and not self.uses_images
 
     @property
-    def n_runs(self) -> int:
-        """Number of runs that are fused into a track."""
-        return self.runs if self.goes_back else 1
-
-    @property
     def uses_keypoints(self) -> bool:
         """Whether keypoints have a weight, with another objective or alone."""
         return self.filter.keypoints.weight > 0
@@ -141,7 +130,6 @@ class Method(Config):
             "objective": self.objective,
             "recover": self.recover,
             "both_ways": self.goes_back,
-            "runs": self.n_runs,
             "filter": self.filter.settings,
             **{name: getattr(self, name).to_dict() for name in own},
         }

@@ -1,8 +1,8 @@
 """Confidence of each limb of a track, estimated without ground truth.
 
 A wrong arm usually lies inside the silhouettes, along the body or in the trunk, and fits them about
-as well as a correct arm. If a take was tracked in both directions by several runs, their
-disagreement shows it: where the runs put the end of a limb at different places, some of them are
+as well as a correct arm. If a take was tracked in several passes, forward and backward, their
+disagreement shows it: where they put the end of a limb at different places, some of them are
 wrong. If a take was tracked in one direction only, as in live tracking, there are two signs: the
 limb fits nearly as well elsewhere, and its end trembles. The limb search tries every limb elsewhere
 in every frame, so both are known without further work on the device:

@@ -32,7 +32,7 @@ from apf.scene import Scene
 from apf.tracking.limb_confidence import limb_margins
 from apf.tracking.recovery import RecoveringRuns
 from apf.tracking.track import Track, concatenate_tracks
-from apf.tracking.trackers import make_recovering_runs, run_seeds, with_seeds
+from apf.tracking.trackers import make_recovering_runs, make_recovering_tracker, with_seeds
 from apf.tracking.two_way import track_both_ways
 from apf.tracking.uncertainty import joint_covariance
 from cl import InputError, UserError
@@ -104,19 +104,17 @@ def track_frames(
     grid = automatic_grid(session) if method.uses_voxels else None
     scaled = method.replace(filter=method.filter.scale_to_rate(session.rate))
     scene = Scene(session.device, session.rig, grid, task.body)
-    runs = [run_seeds(seed, method.n_runs) for seed in task.seeds]
-    every_seed = [seed for of in runs for seed in of]
     report = progress or (lambda stage: None)
 
     def estimate(frames: range) -> Iterator[tuple[int, list[Estimate]]]:
-        tracker = make_recovering_runs(scene, scaled, every_seed)
+        tracker = make_recovering_runs(scene, scaled, task.seeds)
         tracker.start(task.pose)
         seen = observations(session, task, frames)
         if outlines is not None:
             seen = _record_outlines(session, seen, outlines)
         if not method.goes_back:
             return track_forward(tracker, seen, report)
-        back = [make_recovering_runs(scene, scaled, own) for own in runs]
+        back = [make_recovering_tracker(scene, of) for of in with_seeds(scaled, task.seeds)]
         return track_both_ways(session.device, tracker, back, seen, report, fps=session.rate)
 
     described = _provenance(session, task, grid)

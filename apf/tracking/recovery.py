@@ -185,13 +185,6 @@ class RecoveringRuns:
             for tracker, estimate in zip(self._trackers, estimates, strict=True)
         ]
 
-    def score_poses(self, poses: np.ndarray) -> np.ndarray:
-        """Return the errors (N,) of poses (N, D), see `Tracker.score_poses`, the mean of all
-        runs."""
-        if self._batch is not None:
-            return self._batch.score_poses(poses)
-        return np.mean([of.score_poses(poses) for of in self._trackers], axis=0)
-
 
 class Restart(Tracker):
     """A handle by which one run of a batched tracker can be restarted."""

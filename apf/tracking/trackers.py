@@ -20,22 +20,11 @@ from apf.tracking.recovery import RETRY, RecoveringRuns, RecoveringTracker, Rest
 
 #: Factor of the noise in the searches for a lost person.
 _WIDER = 4.0
-#: 2^64 divided by the golden ratio.
-_GOLDEN = 0x9E3779B97F4A7C15
 
 
 def with_seeds(method: Method, seeds: list[int]) -> list[Method]:
     """Return `method` with each of `seeds`. Raises InputError for a seed that is out of range."""
     return [method.replace(filter=method.filter.with_changes(seed=seed)) for seed in seeds]
-
-
-def run_seeds(seed: int, n_runs: int) -> list[int]:
-    """Return the seeds of the runs that make the track of `seed`.
-
-    The first run has `seed` itself. Those of the others are far from each other and from it (Steele
-    et al. 2014), because seeds that users choose often lie close together.
-    """
-    return [(seed + run * _GOLDEN) % 2**64 for run in range(n_runs)]
 
 
 def make_recovering_runs(scene: Scene, method: Method, seeds: list[int]) -> RecoveringRuns:

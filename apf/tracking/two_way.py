@@ -1,10 +1,9 @@
-"""Fusion of the forward and backward passes of several runs over a take.
+"""Fusion of a forward and a backward pass over a take.
 
 A filter knows only the past: if an arm comes out from in front of the trunk, the filter finds it
 then, and was wrong before. A backward pass from the end of the take has the opposite weakness. As
 in a two-filter smoother (Fraser & Potter 1969, "The optimum linear smoother as a combination of two
-optimum linear filters") the two passes are combined. Runs with different random numbers make
-different errors, so all their passes take part. If passes agree to within `SAME_PLACE`, average
+optimum linear filters") the two passes are combined. If they agree to within `SAME_PLACE`, average
 them, which reduces the error; otherwise use the pass with the lower image error over consecutive
 frames (Viterbi 1967).
 
@@ -40,7 +39,7 @@ from apf.likelihood.observations import (
     with_points,
 )
 from apf.tracking.limb_confidence import LEAST_DISTANCE, SAME_PLACE
-from apf.tracking.recovery import RecoveringRuns
+from apf.tracking.recovery import RecoveringRuns, RecoveringTracker
 from apf.tracking.smoothing import unwrap_angles
 from cl import Device, NumpyDevice, UserError
 from psfs.common.numbers import find_best_path, find_true_runs, smooth_locally
@@ -61,14 +60,14 @@ OVERLAP = 30
 MOST_BYTES, MOST_FRAMES = 500_000_000, 1000
 #: Number of a window's last frames whose crops are not waited for.
 _CROPPING = 8
-#: One frame of a window: its number, its observation, and for each track the estimates of its runs.
-_WindowFrame = tuple[int, "_Kept", list[list[Estimate]]]
+#: One frame of a window: its number, its observation, and the estimate of each track.
+_WindowFrame = tuple[int, "_Kept", list[Estimate]]
 
 
 def track_both_ways(
     device: Device | NumpyDevice,
     forward: RecoveringRuns,
-    back: Sequence[RecoveringRuns],
+    back: Sequence[RecoveringTracker],
     seen: Iterable[tuple[int, Observation]],
     progress: Callable[[str], object],
     *,
@@ -77,10 +76,10 @@ def track_both_ways(
     """Yield the number of every frame of `seen` and each track's estimate of it; `fps` frames per
     second.
 
-    forward: the started runs of all tracks, equally many for each. back: the runs of the backward
-    pass of each track. progress: called with "tracking" or "tracking back" after each frame. An
-    interrupt or error that ends the frames early is raised after the frames before it; if it occurs
-    in the backward pass, the window keeps the forward estimates of each track's first run.
+    forward: the started run of each track. back: the tracker of the backward pass of each.
+    progress: called with "tracking" or "tracking back" after each frame. An interrupt or error that
+    ends the frames early is raised after the frames before it; if it occurs in the backward pass,
+    the window keeps the forward estimates.
     """
     window, frames = list[_WindowFrame](), iter(seen)
     pool = ThreadPoolExecutor(1)  # crops observations while the device searches
@@ -90,10 +89,7 @@ def track_both_ways(
         n_bytes = sum(kept.nbytes for _, kept, _ in window[:-_CROPPING])
         try:
             for index, shown in frames:
-                runs = forward.step(shown)
-                n_runs = len(runs) // len(back)
-                by_track = [runs[n_runs * of : n_runs * (of + 1)] for of in range(len(back))]
-                window.append((index, _keep(device, shown, pool), by_track))
+                window.append((index, _keep(device, shown, pool), forward.step(shown)))
                 n_bytes += sum(kept.nbytes for _, kept, _ in window[:-_CROPPING][-1:])
                 progress("tracking")
                 if is_full(len(window), n_bytes):
@@ -108,7 +104,7 @@ def track_both_ways(
             final = _fuse_window(device, back, window, fps, report)
         except (KeyboardInterrupt, UserError) as error:
             ended, n_final = error, len(window)
-            final = [[_without_disagreement(runs[0]) for runs in of] for _, _, of in window]
+            final = [list(map(_without_disagreement, of)) for _, _, of in window]
         for (index, _, _), estimates in zip(window[:n_final], final, strict=False):
             yield index, estimates
         if ended is not None:
@@ -163,7 +159,7 @@ def _reverse_observations(
 
 def _fuse_window(
     device: Device | NumpyDevice,
-    back: Sequence[RecoveringRuns],
+    back: Sequence[RecoveringTracker],
     window: list[_WindowFrame],
     fps: float,
     progress: Callable[[], object],
@@ -171,16 +167,16 @@ def _fuse_window(
     """Run the backward passes over a window; return each track's fused estimates of its frames."""
     if not window:
         return []
-    for runs, last in zip(back, window[-1][2], strict=True):
-        runs.start(np.stack([estimate.pose for estimate in last]))
+    for tracker, last in zip(back, window[-1][2], strict=True):
+        tracker.start(last.pose)
     found: list[list[tuple[list[Estimate], np.ndarray]]] = [[] for _ in back]
-    for observation, (_, _, by_track) in zip(
+    for observation, (_, _, forward) in zip(
         _reverse_observations(device, window), reversed(window), strict=True
     ):
-        for frames, runs, ahead in zip(found, back, by_track, strict=True):
-            passes = [*ahead, *runs.step(observation)]
+        for frames, tracker, ahead in zip(found, back, forward, strict=True):
+            passes = [ahead, tracker.step(observation)]
             poses = np.stack([each.pose for each in passes])
-            frames.append((passes, runs.score_poses(exchange_limbs(passes[0].body, poses))))
+            frames.append((passes, tracker.score_poses(exchange_limbs(ahead.body, poses))))
         progress()
     tracks = []
     for frames in found:

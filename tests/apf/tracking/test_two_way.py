@@ -23,7 +23,7 @@ from apf.reference.likelihood.voxel import uncrop
 from apf.scene import Scene
 from apf.tracking.limb_confidence import LEAST_DISTANCE, SAME_PLACE
 from apf.tracking.recovery import RecoveringRuns
-from apf.tracking.trackers import make_recovering_tracker, run_seeds
+from apf.tracking.trackers import make_recovering_tracker
 from apf.tracking.two_way import (
     exchange_limbs,
     fuse_passes,
@@ -104,15 +104,6 @@ def test_poses_are_steadied_by_parabolas() -> None:
     again = np.where(np.arange(n)[:, None] < 20, BODY.rest_pose, moved(other, l_upper_arm__ry=1.0))
     away = posed_joints(BODY, smooth_poses(BODY, again, known, 5)) - posed_joints(BODY, again)
     assert np.abs(away[:, wrist]).max() < SAME_PLACE / 2
-
-
-def test_runs_have_seeds_of_their_own() -> None:
-    assert run_seeds(7, 1) == [7]
-    seeds = [one for seed in range(50) for one in run_seeds(seed, 3)]
-    assert len(set(seeds)) == 150 and max(seeds) < 2**64
-    assert len(set(run_seeds(2**64 - 1, 2))) == 2
-    with pytest.raises(InputError, match="runs"):
-        Method(runs=0)
 
 
 @pytest.mark.parametrize("name", ["song31", "rymut31_upper", "stick"])
@@ -214,9 +205,7 @@ def short_windows(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_windows_overlap_and_give_every_frame_once(short_windows: None) -> None:
     back, told = Follower(), list[str]()
-    found = list(
-        track_both_ways(NumpyDevice(), Forward(), [RecoveringRuns([back])], frames(25), told.append)
-    )
+    found = list(track_both_ways(NumpyDevice(), Forward(), [back], frames(25), told.append))
     assert [index for index, _ in found] == list(range(5, 30))
     for (_, (one,)), (_, shown) in zip(found, frames(25), strict=True):
         assert one.pose[0] == pytest.approx(BODY.rest_pose[0] + shown)
@@ -274,7 +263,7 @@ def test_what_ends_the_frames_is_raised_after_them(
         for one in track_both_ways(
             NumpyDevice(),
             Forward(),
-            [RecoveringRuns([back])],
+            [back],
             frames(7, ending),
             lambda stage: None,
         ):
@@ -295,9 +284,7 @@ def test_what_ends_the_way_back_leaves_the_way_ahead(
 
     found = []
     with pytest.raises(type(ending)):
-        for one in track_both_ways(
-            NumpyDevice(), Forward(), [RecoveringRuns([Follower()])], frames(n), progress
-        ):
+        for one in track_both_ways(NumpyDevice(), Forward(), [Follower()], frames(n), progress):
             found.append(one)
     assert len(found) == kept and np.isnan(found[3][1][0].disagreement).all()
 
@@ -332,7 +319,7 @@ def test_an_arm_that_began_wrong_is_right_from_the_end_back(device: Device) -> N
             return alone[-1]
 
     seen = ((k, surface_voxels(device, walker(k))) for k in range(8))
-    back = [RecoveringRuns([make_recovering_tracker(scene, method)])]
+    back = [make_recovering_tracker(scene, method)]
     found = list(track_both_ways(device, Heard(), back, seen, lambda stage: None))
     wrist = SONG.joint_names.index("l_wrist")
     true = posed_joints(SONG, np.stack([walker(k) for k in range(8)]))[:, wrist]
