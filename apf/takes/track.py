@@ -35,10 +35,10 @@ from apf.tracking.take import (
     Take,
     check_cameras,
     start_take,
-    track_once,
-    track_started,
+    track_again,
+    track_first,
 )
-from apf.tracking.together import fit_together
+from apf.tracking.together import place_bodies
 from apf.tracking.track import Track
 from cl import Device, InputError, NumpyDevice
 from psfs.cameras.names import join_names
@@ -93,7 +93,7 @@ def run_track(
     left_out = {
         "overlay": not (writes and request.video), "checking": not (writes and request.report),
         "tracking back": not back, "fitting": not back,
-        **dict.fromkeys(AGAIN, not back or request.init is not None),
+        **dict.fromkeys(AGAIN, not back or bool(request.init or request.keypoints)),
     }  # fmt: skip
     is_gpu = isinstance(device, Device) and device.is_gpu
     progress.expect([stage for stage, out in left_out.items() if out], is_gpu)
@@ -152,17 +152,19 @@ def _track_people(
                 raise
             progress.warn(f"{error}; without a first pose it is left out, as an object")
             persons = persons.without(number)
-    takes, follow = list[Take](), track_started if persons.alone else track_once
+    takes = list[Take]()
     for number, start in enumerate(started, start=1):
         session = _begin_person(job, persons, number)
         _keep_judged(job, session)
         folders = persons.job(job, number).folders
-        keep = Keeper(folders) if folders else None
-        takes.append(follow(start, progress, keep))
+        takes.append(track_first(start, progress, Keeper(folders) if folders else None))
         if was_interrupted(takes[-1].tracks[0], len(session.frames)) or takes[-1].error is not None:
             break
-    if not persons.alone:
-        takes = fit_together(started, takes)
+    else:
+        place_bodies(started, takes)
+        for number, (start, first) in enumerate(zip(started, takes, strict=True), start=1):
+            _begin_person(job, persons, number)
+            takes[number - 1] = track_again(start, first, progress)
     done = []
     for number, take in enumerate(takes, start=1):
         session = _begin_person(job, persons, number)

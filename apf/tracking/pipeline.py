@@ -36,7 +36,6 @@ from apf.tracking.trackers import make_recovering_runs, make_recovering_tracker,
 from apf.tracking.two_way import track_both_ways
 from apf.tracking.uncertainty import joint_covariance
 from cl import InputError, UserError
-from psfs.common.numbers import select_span
 from psfs.people.separation import PersonReconstructor
 from psfs.reconstructor import Reconstructor
 from psfs.sequence import Frame
@@ -168,18 +167,6 @@ def _keep_in_session(
     for index, voxels in seen:
         session.record_carved(index, cast("Voxels | HostVoxels", voxels))
         yield index, voxels
-
-
-def observe_outlines(session: Session, frames: np.ndarray) -> dict[int, Outlines]:
-    """Return the outlines of the silhouettes of `frames` (F,), by their numbers."""
-    outlines = dict[int, Outlines]()
-    seen = observe_frames(
-        session.reconstructor(automatic_grid(session)),
-        session.sequence.frames(select_span(frames, abs(session.frames.step))),
-    )
-    for _ in _record_outlines(session, seen, outlines):
-        pass
-    return outlines
 
 
 def _record_outlines(

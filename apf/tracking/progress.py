@@ -24,22 +24,22 @@ class _Cost(NamedTuple):
     frame: float = 0.0
 
 
-#: In their order; those of all people together, then those of each person.
+#: In their order: the stages of all people together, and of each person, one after the other, the
+#: first pass, the second pass and the results.
 _FOR_ALL = {"opening": _Cost(0.5), "examining": _Cost(4), "people": _Cost(0.8)}
-_FOR_EACH = {
+_FIRST = {
     **{"volume": _Cost(0.4), "start": _Cost(3), "preparing": _Cost(0.4)},
     **{"tracking": _Cost(0, 0.012), "tracking back": _Cost(0, 0.005), "fitting": _Cost(2, 0.04)},
-    **{"tracking again": _Cost(0, 0.012), "tracking back again": _Cost(0, 0.005)},
-    "fitting again": _Cost(2, 0.04),
-    **{"overlay": _Cost(0, 0.02), "checking": _Cost(2)},
 }
-_ORDER = (*_FOR_ALL, *_FOR_EACH)
+AGAIN = {f"{stage} again": _FIRST[stage] for stage in ("tracking", "tracking back", "fitting")}
+_RESULTS = {"overlay": _Cost(0, 0.02), "checking": _Cost(2)}
+_ROUNDS = (_FOR_ALL, _FIRST, AGAIN, _RESULTS)
+_COSTS = {stage: cost for stages in _ROUNDS for stage, cost in stages.items()}
+_ORDER = tuple(_COSTS)
 #: The stages that report after every frame.
 BY_FRAMES = frozenset(
     ("tracking", "tracking back", "tracking again", "tracking back again", "overlay")
 )
-#: The stages of the second pass over a take.
-AGAIN = ("tracking again", "tracking back again", "fitting again")
 #: Factor of the frames' time on a device that is no GPU.
 _CPU_FRAMES = 8.0
 
@@ -52,7 +52,7 @@ class StageProgress(ABC):
     def __init__(self) -> None:
         self._n_frames, self._whose, self._stage = 0, "", ""
         self._done: Counter[str] = Counter()
-        self._costs = {**_FOR_ALL, **_FOR_EACH}
+        self._costs = _COSTS
 
     @property
     def n_frames(self) -> int:
@@ -65,7 +65,7 @@ class StageProgress(ABC):
         self._done.clear()
 
     def begin_person(self, n_frames: int, number: int, of: int) -> None:
-        """Begin the track of one of several people, counted from 1."""
+        """Begin the next round of stages of one of several people, counted from 1."""
         self.n_frames = n_frames
         self._whose = f"person {number} of {of}: " if of > 1 else ""
 
@@ -74,7 +74,7 @@ class StageProgress(ABC):
         slower = 1.0 if is_gpu else _CPU_FRAMES
         self._costs = {
             stage: cost._replace(frame=slower * cost.frame) if stage in BY_FRAMES else cost
-            for stage, cost in {**_FOR_ALL, **_FOR_EACH}.items()
+            for stage, cost in _COSTS.items()
             if stage not in left_out
         }
 
@@ -110,14 +110,13 @@ class ProgressLine(StageProgress):
     def __init__(self, bar: Progress) -> None:
         super().__init__()
         self._bar = bar
-        self._furthest = 0  # the last of the stages so far, in their order
+        self._furthest = 0  # the last of the person's stages so far, in their order
         self._person, self._n_people = 1, 1
         self._task = bar.add_task("opening", total=None)
 
     def begin_person(self, n_frames: int, number: int, of: int) -> None:
         super().begin_person(n_frames, number, of)
-        self._person, self._n_people = number, of
-        self._furthest = len(_FOR_ALL)
+        self._person, self._n_people, self._furthest = number, of, 0
 
     def __call__(self, stage: str) -> None:
         self._done[stage] += 1
@@ -136,12 +135,16 @@ class ProgressLine(StageProgress):
     def _measure_work(self) -> tuple[float, float]:
         """Return the work that is done, and all of it, in expected seconds."""
         n, done, whole = self._n_frames, 0.0, 0.0
+        latest = next(stages for stages in _ROUNDS if _ORDER[self._furthest] in stages)
         for stage, cost in self._costs.items():
-            before, people = (self._person - 1, self._n_people) if stage in _FOR_EACH else (0, 1)
-            size = cost.whole + n * cost.frame
-            now = min(n, self._done[stage]) * cost.frame if stage in BY_FRAMES else size
-            reached = stage in BY_FRAMES or _ORDER.index(stage) < self._furthest
-            done, whole = done + before * size + reached * now, whole + people * size
+            people, size = 1 if stage in _FOR_ALL else self._n_people, cost.whole + n * cost.frame
+            whole += people * size
+            reached = _ORDER.index(stage) < self._furthest
+            if stage not in latest:
+                done += people * size if reached else 0.0
+                continue
+            now = min(n, self._done[stage]) * cost.frame if stage in BY_FRAMES else size * reached
+            done += now + (0 if stage in _FOR_ALL else self._person - 1) * size
         return done, whole
 
 

@@ -31,6 +31,7 @@ from apf.tracking.track import Track
 from cl import InputError, UserError
 from psfs.common.numbers import pick_evenly
 from psfs.common.progress import one_blas_thread
+from psfs.people.separation import PersonSession
 from psfs.sequence import Sequence
 from psfs.session import Session
 from psfs.volume import automatic_grid
@@ -145,26 +146,34 @@ def track_started(
     progress: Callable[[str], object] | None = None,
     keep: Keep | None = None,
 ) -> Take:
-    """Track the person of a start, the second part of `track_take`: all frames of the first pass
-    together measure the person's own body, see `apf.initialisation.personal`, which the second pass
-    tracks."""
+    """Track the person of a start, the second part of `track_take`, in two passes."""
+    return track_again(started, track_first(started, progress, keep), progress)
+
+
+def track_first(
+    started: StartedTake,
+    progress: Callable[[str], object] | None = None,
+    keep: Keep | None = None,
+) -> Take:
+    """Track the body of a start; then all frames together measure the person's own body, see
+    `apf.initialisation.personal`."""
     outlines = dict[int, Outlines]()
-    first = fit_personal(started, track_once(started, progress, keep, outlines), outlines, progress)
-    if not outlines or first.error is not None or first.tracks[0].interrupted:
-        return first
-    return track_again(started, first, progress)
+    return fit_personal(started, track_once(started, progress, keep, outlines), outlines, progress)
 
 
 def track_again(
     started: StartedTake, first: Take, progress: Callable[[str], object] | None = None
 ) -> Take:
-    """Return the take after another pass over it, with the body of the `first` one, and with
-    silhouettes and voxels that expect it where that has seen it. If an interrupt or an error ends
-    the pass, the first one counts."""
-    body = TrackedBody(
-        started.session.sequence.folder, first.tracks[0].frames, first.tracks[0].known_cones
-    )
-    task = replace(started.task, body=first.body, pose=first.pose, tracked=body)
+    """Return the take after another pass over it, with the person's own body from the `first` one,
+    if there is one, and with silhouettes and voxels that expect it where that pass has seen it. If
+    an interrupt or an error ends either pass, the first one counts."""
+    track, session = first.tracks[0], started.session
+    if first.body is started.task.body or first.error is not None or track.interrupted:
+        return first
+    tracked = None  # several people's voxels are divided by their bodies, see `place_bodies`
+    if not isinstance(session, PersonSession):
+        tracked = TrackedBody(session.sequence.folder, track.frames, track.known_cones)
+    task = replace(started.task, body=first.body, pose=first.pose, tracked=tracked)
     report = None if progress is None else lambda stage: progress(f"{stage} again")
     outlines = dict[int, Outlines]()
     second = track_once(replace(started, task=task), report, None, outlines)

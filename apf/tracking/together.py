@@ -16,8 +16,7 @@ from apf.body.posing import CONE_DEFINES, body_defines, pack_body
 from apf.filters.base import DeviceTracker, Estimate, begin_searches
 from apf.filters.method import Method
 from apf.scene import Scene
-from apf.tracking.pipeline import observe_outlines
-from apf.tracking.take import StartedTake, Take, fit_personal
+from apf.tracking.take import StartedTake, Take
 from cl import Array, Device, InputError, Launch
 from cl.batch import Batch, Parts
 from cl.workgroups import pack_defines
@@ -199,19 +198,11 @@ class PeopleTracker:
         return begin_searches(self.trackers, shows, self._queue, poses, self._batch)
 
 
-def fit_together(started: Sequence[StartedTake], takes: Sequence[Take]) -> list[Take]:
-    """Return the takes of several people, or of the first of them, with each person's own body,
-    fitted to the outlines that are left by the tracked bodies of the others."""
-    sessions = [start.session for start in started[: len(takes)]]
-    for session, take in zip(sessions, takes, strict=True):
-        if isinstance(session, PersonSession):
+def place_bodies(started: Sequence[StartedTake], takes: Sequence[Take]) -> None:
+    """Let the voxels of several people be divided by their tracked bodies."""
+    for start, take in zip(started, takes, strict=True):
+        if isinstance(start.session, PersonSession):
             track = take.tracks[0]
             poses = zip(track.frames[~track.lost], track.poses[~track.lost], strict=True)
             spheres = {int(frame): body_spheres(take.body, pose) for frame, pose in poses}
-            session.joint.place(session.number, spheres)
-    fitted = []
-    for start, session, take in zip(started, sessions, takes, strict=False):
-        if start.personal:
-            take = fit_personal(start, take, observe_outlines(session, take.tracks[0].frames))
-        fitted.append(take)
-    return fitted
+            start.session.joint.place(start.session.number, spheres)
