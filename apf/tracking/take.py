@@ -29,6 +29,7 @@ from apf.tracking.pipeline import TrackingTask, track_frames
 from apf.tracking.settings import TakeSettings
 from apf.tracking.track import Track
 from cl import InputError, UserError
+from psfs.common.cones import CONE_FLOATS
 from psfs.common.numbers import pick_evenly
 from psfs.common.progress import one_blas_thread
 from psfs.people.separation import PersonSession
@@ -165,14 +166,17 @@ def track_again(
     started: StartedTake, first: Take, progress: Callable[[str], object] | None = None
 ) -> Take:
     """Return the take after another pass over it, with the person's own body from the `first` one,
-    if there is one, and with silhouettes and voxels that expect it where that pass has seen it. If
-    an interrupt or an error ends either pass, the first one counts."""
+    if there is one, and with silhouettes and voxels that expect it where that pass has seen it. As
+    of a limb that is lost, nothing is held against what lies beside it. If an interrupt or an error
+    ends either pass, the first one counts."""
     track, session = first.tracks[0], started.session
     if first.body is started.task.body or first.error is not None or track.interrupted:
         return first
     tracked = None  # several people's voxels are divided by their bodies, see `place_bodies`
     if not isinstance(session, PersonSession):
-        tracked = TrackedBody(session.sequence.folder, track.frames, track.known_cones)
+        unknown = np.full((len(track), 1, CONE_FLOATS), np.nan)
+        cones = np.concatenate([track.known_cones, unknown], 1)
+        tracked = TrackedBody(session.sequence.folder, track.frames, cones)
     task = replace(started.task, body=first.body, pose=first.pose, tracked=tracked)
     report = None if progress is None else lambda stage: progress(f"{stage} again")
     outlines = dict[int, Outlines]()
