@@ -40,10 +40,15 @@ class Start:
     rivals: tuple[Start, ...] = ()
 
     @property
+    def is_ambiguous(self) -> bool:
+        """Whether another heading fits nearly as well."""
+        return self.rival < _DOUBTFUL
+
+    @property
     def doubts(self) -> list[str]:
         """Doubts about this start, a sentence each."""
         found = []
-        if self.rival < _DOUBTFUL:
+        if self.is_ambiguous:
             found.append("the heading is ambiguous: another one fits the voxels nearly as well")
         if np.log(self.girth) > _STOUT * SPREAD["girth"]:
             found.append(

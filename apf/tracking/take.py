@@ -275,12 +275,13 @@ def compare_passes(first: Track, second: Track) -> Track:
 def _find_start(
     session: Session, settings: TakeSettings, progress: Callable[[], object]
 ) -> tuple[int, Start]:
-    """Return the start, and its frame, in the first of the likely frames in which there is one."""
-    ranked = rank_starts(session, progress)
+    """Return the start, and its frame, in the first of the likely frames in which there is one with
+    a heading that is not ambiguous; without any, the least ambiguous one."""
+    found: list[tuple[int, Start]] = []
     failed: StartError | None = None
-    for frame in ranked:
+    for frame in rank_starts(session, progress):
         try:
-            return frame, initialise(
+            start = initialise(
                 session.with_frames(session.frames[session.frames.index(frame) :]),
                 settings.body_template,
                 height=settings.height, keep_shape=settings.keep_shape,
@@ -288,15 +289,21 @@ def _find_start(
             )  # fmt: skip
         except StartError as error:
             failed = failed or error
-    raise failed or StartError("no start was tried; expected frames with a person")
+            continue
+        found.append((frame, start))
+        if not start.is_ambiguous:
+            break
+    if not found:
+        raise failed or StartError("no start was tried; expected frames with a person")
+    return max(found, key=lambda one: one[1].rival)
 
 
 def rank_starts(session: Session, progress: Callable[[], object] | None = None) -> list[int]:
     """Return the frames in which to seek a start, the likeliest first.
 
     Of frames spread over the session, those are ranked in which the person is seen best for as long
-    as a start takes: whole, upright, and in the pictures of many cameras. Among about equal ones
-    the earliest is first. Raises StartError if none of them shows anybody.
+    as a start takes: whole, upright, and in the pictures of many cameras. About equal ones
+    are spread over the take, the earliest first. Raises StartError if none of them shows anybody.
     """
     config, frames = StartConfig(), session.frames
     picked = np.array([frames[int(k)] for k in pick_evenly(len(frames), _LOOKS)])
@@ -325,8 +332,10 @@ def rank_starts(session: Session, progress: Callable[[], object] | None = None) 
     during = (within * quality).sum(1) / within.sum(1) * shown
     if (whole := shown & (later[:, -1] >= lasting)).any():
         during *= whole  # a start before the take's end has fewer frames
-    order = np.argsort(-np.minimum(during, (1 - _ALIKE) * during.max()), kind="stable")
-    return [int(picked[row]) for row in order if during[row] > 0][:_TRIES]
+    alike = np.flatnonzero(during >= (1 - _ALIKE) * during.max())
+    spread = alike[pick_evenly(len(alike), _TRIES)]
+    rest = [row for row in np.argsort(-during) if during[row] > 0 and row not in alike]
+    return [int(picked[row]) for row in [*spread, *rest]][:_TRIES]
 
 
 def check_terms(sequence: Sequence, method: Method) -> None:
