@@ -37,7 +37,7 @@ CAP = 0.1
 _WIDEST = 2.5
 #: Pairs are left out if the line between the cameras passes the scene nearer than this share of the
 #: person's size.
-_NEAREST = 0.3
+NEAREST = 0.3
 #: Differences of planes up to this are noise, as a share of the person's size: silhouettes of
 #: somebody who keeps still agree at any offset.
 NOISE = 0.003
@@ -174,14 +174,16 @@ class Tangency:
                 planes = (
                     self.find_planes(a, b, changes.get(a)), self.find_planes(b, a, changes.get(b))
                 )  # fmt: skip
-                apart, there = self._difference(*planes)
+                differences = np.subtract(*planes).T[:, None] / max(self.size, 1e-12)
+                table = sum_costs(differences, CAP)[0]
+                apart, there = np.pad(table, ((0, BLOCKS - len(table)), (0, 0))).T
                 sums[:, a, b] = sums[:, b, a] = apart
                 counts[:, a, b] = counts[:, b, a] = there
         return PairSums(sums, counts)
 
     def comparable(self, a: int, b: int) -> bool:
         """Return whether the line between two cameras passes far enough from the scene."""
-        return self._baselines[a, b][1] >= _NEAREST * self.size
+        return self._baselines[a, b][1] >= NEAREST * self.size
 
     def measure_times(self, most: int) -> CameraTimes:
         """Estimate the cameras' offsets of up to `most` frames from the motion of their planes."""
@@ -207,9 +209,3 @@ class Tangency:
                 if table[..., 1].any():
                     costs[a, b] = table
         return costs
-
-    def _difference(self, a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return sums and numbers (B,) of the differences of planes (F, 2), each at most `CAP`, as
-        shares of the person's size, in stretches of frames."""
-        table = sum_costs((a - b).T[:, None] / max(self.size, 1e-12), CAP)[0]
-        return tuple(np.pad(table, ((0, BLOCKS - len(table)), (0, 0))).T)

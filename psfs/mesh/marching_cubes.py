@@ -184,14 +184,11 @@ def write_mesh(mesh: trimesh.Trimesh, path: Path) -> None:
     """
     suffix = path.suffix.lower().lstrip(".")
     if suffix not in FORMATS:
-        raise InputError(f"{path}: unknown mesh format; expected a name that ends in {_endings()}")
+        endings = ", ".join(f".{name}" for name in FORMATS)
+        raise InputError(f"{path}: unknown mesh format; expected a name that ends in {endings}")
     content = {"ply": _ply, "glb": make_glb, "obj": _obj}[suffix](mesh)
     with write_atomically(path) as temporary:
         temporary.write_bytes(content)
-
-
-def _endings() -> str:
-    return ", ".join(f".{name}" for name in FORMATS)
 
 
 def _ply(mesh: trimesh.Trimesh) -> bytes:

@@ -94,14 +94,11 @@ class PersonPoints:
                 continue
             sides = []
             for view in pair:
-                angles = self._measure_angles(cameras[view], view, axes)
-                sides.append((*self.hulls[view].extreme_points(angles), int(shifts[view])))
+                x, y = (self.hulls[view].rays @ (cameras[view].R @ axes)).T
+                extremes = self.hulls[view].extreme_points(np.arctan2(y, x))
+                sides.append((*extremes, int(shifts[view])))
             found.append(_match_extremes(pair, sides[0], sides[1], every))
         return join_points(found)
-
-    def _measure_angles(self, camera: Camera, view: int, axes: np.ndarray) -> np.ndarray:
-        flat = self.hulls[view].rays @ (camera.R @ axes)
-        return np.arctan2(flat[:, 1], flat[:, 0])
 
     def find_all(
         self, cameras: Sequence[Camera], shifts: np.ndarray, gate: float

@@ -17,15 +17,15 @@ import scipy
 
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.diagnostics.hulls import HullRays
+from psfs.diagnostics.tangency import NEAREST
 from psfs.self_calibration.upright import FEWEST, UprightView
 
 #: Noise of the person's places on the floor and of the touching planes' positions, statures.
 _PLACES, _PLANES = 0.1, 0.006
 #: Least share of the shorter recording that two cameras must have in common.
 _SHARE = 0.3
-#: Shortest line between two cameras, its least distance from the person, and the height of the
-#: person's middle, statures.
-_SHORTEST, _NEAREST, _MIDDLE = 0.2, 0.3, 0.55
+#: Shortest line between two cameras, and the height of the person's middle, statures.
+_SHORTEST, _MIDDLE = 0.2, 0.55
 #: Number of angles around the vertical that are tried.
 N_ANGLES = 36
 #: Partial arrangements that are kept, places that are tried of each camera, and steps of angle and
@@ -131,7 +131,7 @@ def _planes(
     middle = np.array([*person, _MIDDLE - first.view.height])
     ahead = middle - lines * (lines @ middle)[:, None]
     distances = np.linalg.norm(ahead, axis=1)
-    rows = np.nonzero((lengths >= _SHORTEST) & (distances >= _NEAREST))[0]
+    rows = np.nonzero((lengths >= _SHORTEST) & (distances >= NEAREST))[0]
     if not len(rows):
         return rows, None
     lines, ahead, distances = lines[rows], ahead[rows], distances[rows, None]
