@@ -22,20 +22,16 @@ from apf.image_objective.config import FeatureConfig
 from apf.image_objective.features import Features
 from apf.image_objective.opengl.context import egl_context
 from apf.image_objective.renderer import draw_hypotheses
-from apf.likelihood.observations import Shown
 from apf.reference.filters.annealed import NumpyAnnealedParticleFilter
 from apf.reference.filters.base import NumpyTracker
 from apf.reference.image_objective import render
 from apf.reference.image_objective.features import NumpyFeatures
 from apf.scene import Scene
 from cl import Device, InputError, NumpyDevice
-from psfs.backend import make_reconstructor
 from psfs.background.gaussian import Background
 from psfs.cameras.camera import CameraRig
 from psfs.sequence import Frame
 from psfs.silhouettes.config import SilhouetteConfig
-from psfs.voxels.config import ReconstructionConfig
-from psfs.voxels.grid import VoxelGrid
 
 AnyFeatures: TypeAlias = Features | NumpyFeatures
 
@@ -132,31 +128,18 @@ def make_feature_extractor(
     return Features(device, rig, background, config, silhouette)
 
 
-def make_observer(
+def make_feature_observer(
     device: Device | NumpyDevice,
     footage: FrameSource,
-    grid: VoxelGrid | None,
-    method: Method,
-    reconstruction: ReconstructionConfig | None = None,
-) -> Callable[[Frame], Shown]:
-    """Return a function that computes from a frame what the tracker of `method` observes, apart
-    from keypoints.
+    config: FeatureConfig,
+    silhouette: SilhouetteConfig | None = None,
+) -> Callable[[Frame], AnyFeatures]:
+    """Return a function that computes the image features of a frame of `footage`.
 
-    This is voxels in `grid`, image features, or None for keypoints alone. For footage without
-    pictures, edges are the outlines of the silhouettes. Raises InputError if voxels are needed and
-    `grid` is None.
+    Without pictures, edges are the outlines of the silhouettes.
     """
-    observes = OBJECTIVES[method.objective].observes
-    if observes == "nothing":
-        return lambda frame: None
-    if observes == "voxels":
-        if grid is None:
-            raise InputError("no voxel grid; expected one for an objective over voxels")
-        return make_reconstructor(device, footage.rig, grid, footage.background, reconstruction)
-    config = method.features
     if not footage.has_images:
         config = config.replace(edges="outline")
-    silhouette = None if reconstruction is None else reconstruction.silhouette
     features = make_feature_extractor(device, footage.rig, footage.background, config, silhouette)
 
     def observe(frame: Frame) -> AnyFeatures:

@@ -237,6 +237,10 @@ def _check_ranges(request: LiveRequest) -> None:
     check_number("--scale", 1 if request.scale is None else request.scale, 0.05, 1)
     check_number("--fps", 1 if request.budget is None else request.budget, 0.1, 1000)
     check_number("--empty", request.empty, 0, 600)
+    if request.method.objective == "keypoints":
+        raise InputError(
+            "--objective keypoints: apf live reads none; expected voxels or image features"
+        )
     if request.captures:
         request.refuse(["frames"], "applies only to a recording; expected none with --captures")
     else:

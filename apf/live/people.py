@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from apf.backend import make_device_tracker, make_observer
+from apf.backend import make_device_tracker, make_feature_observer
 from apf.body.cones import body_spheres, count_spheres
 from apf.body.kinematics import posed_joints
 from apf.body.model import BodyModel
@@ -116,7 +116,7 @@ def make_translation_matrix(body: BodyModel) -> np.ndarray:
 
 def observe_features(device: Device, pictures: Smaller, method: Method) -> Observer:
     """Return the observer of image features, of one person."""
-    features = make_observer(device, pictures, None, method)
+    features = make_feature_observer(device, pictures, method.features)
     return lambda frame, time: [(features(pictures(frame)), None)]
 
 

@@ -14,7 +14,7 @@ from typing import Any, TypeAlias, cast
 
 import numpy as np
 
-from apf.backend import make_observer
+from apf.backend import make_feature_observer
 from apf.body.kinematics import posed_joints
 from apf.body.model import BodyModel
 from apf.filters.base import Estimate
@@ -149,7 +149,8 @@ def observations(
         if method.uses_voxels:
             observe = session.reconstructor(automatic_grid(session), task.tracked)
         else:
-            observe = make_observer(session.device, session, None, method, session.reconstruction)
+            silhouette = session.reconstruction.silhouette
+            observe = make_feature_observer(session.device, session, method.features, silhouette)
         stop = frames.stop if frames.stop >= 0 else None
         chosen = slice(frames.start, stop, frames.step)
         seen = observe_frames(observe, session.sequence.frames(chosen))

@@ -11,7 +11,7 @@ from apf.backend import (
     draw_poses,
     make_device_tracker,
     make_feature_extractor,
-    make_observer,
+    make_feature_observer,
     make_tracker,
     shares_launches,
 )
@@ -69,7 +69,7 @@ def test_several_runs_are_made_by_the_annealed_filter_over_voxels_alone(device: 
 
 
 @pytest.mark.parametrize("kind", ["opencl", "numpy"])
-def test_observers_make_features_or_voxels(device: Device, kind: str) -> None:
+def test_observers_take_outlines_without_pictures(device: Device, kind: str) -> None:
     chosen = device if kind == "opencl" else NumpyDevice()
     world = World(device, STICK, voxel=0.2)
     masks = scenes.masks_of(world.rig)
@@ -78,14 +78,10 @@ def test_observers_make_features_or_voxels(device: Device, kind: str) -> None:
         rig, background, has_images = world.rig, None, False
 
     method = Method.create("pso", "sp")
-    seen = make_observer(chosen, Footage(), None, method)(scenes.frame(masks=masks))
+    seen = make_feature_observer(chosen, Footage(), method.features)(scenes.frame(masks=masks))
     assert type(seen) is type(make_feature_extractor(chosen, world.rig, None))
     assert type(seen) is (Features if kind == "opencl" else NumpyFeatures)
     assert seen.config == method.features.replace(edges="outline")  # there are no pictures
-    voxels = make_observer(chosen, Footage(), world.grid, Method())(scenes.frame(masks=masks))
-    assert len(voxels.cloud().indices)
-    with pytest.raises(InputError, match="no voxel grid"):
-        make_observer(chosen, Footage(), None, Method())
 
 
 @pytest.mark.parametrize("shape", ["trapezoids", "round ends", "mesh"])

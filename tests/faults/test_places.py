@@ -168,6 +168,7 @@ FAULTS: dict[str, tuple[list[str], Change | None, str]] = {
                                 "truth.npz"], None, "--shape FILE"),
     "a run and a track exchanged": (["apf", "view", "track", "out"], None, "out"),
     "a negative time of emptiness": ([*LIVE, "--empty", "-3"], None, "--empty"),
+    "keypoints of nobody": ([*LIVE, "--objective", "keypoints"], None, "apf live reads none"),
     "a truth in synth's way": (SYNTH, file("new/truth.npz"), "new/truth.npz"),
     "an empty list of takes": (BATCH, takes(""), "takes.toml"),
     "a flag that is none": (BATCH, takes("[[take]]\nfolder = 'walk'\nfrob = 3"), "takes.toml"),
