@@ -97,18 +97,29 @@ def _moments(
     the lowest and highest value (h, w, 3) uint8 of each pixel and channel."""
     left = iter(frames)
     lots = (_sums(first, islice(left, _LOT - 1), within) for first in left)
-    total, squares, number = reduce(np.add, lots)
-    used = np.maximum(number, 1)
-    mean = total / used
-    variance = np.maximum(squares / used - mean * mean, 0)
-    return mean.astype(np.float32), variance.astype(np.float32), number.astype(np.float32)
+    total, squares, number = reduce(lambda a, b: tuple(map(_add_exactly, a, b)), lots)
+    found = np.empty((3, *total.shape), np.float32)
+    rows = max(1, _BAND_BYTES // total[0].nbytes)
+    for top in range(0, len(total), rows):  # float64 of all would take much memory
+        band = slice(top, top + rows)
+        count = number[band].astype(np.float64)
+        used = np.maximum(count, 1)
+        mean = total[band] / used
+        found[0, band], found[2, band] = mean, count
+        found[1, band] = np.maximum(squares[band] / used - mean * mean, 0)
+    mean, variance, count = found
+    return mean, variance, count
+
+
+def _add_exactly(sums: np.ndarray, more: np.ndarray) -> np.ndarray:
+    return sums.astype(np.float64, copy=False) + more
 
 
 def _sums(
     first: np.ndarray, more: Iterable[np.ndarray], within: tuple[np.ndarray, np.ndarray] | None
-) -> np.ndarray:
-    """Return (3, h, w, 3) float64: the sums of frames (h, w, 3) uint8, the sums of their squares,
-    and the number of values used. They are exact for up to `_LOT` frames."""
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the sums (h, w, 3) float32 of frames (h, w, 3) uint8, the sums of their squares, and
+    the number of values used, uint8. They are exact for up to `_LOT` frames."""
     flat = len(first), -1  # flat, since OpenCV's masks have no channels
     shape = first.reshape(flat).shape
     total, squares = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
@@ -121,7 +132,7 @@ def _sums(
         cv2.accumulate(values, total, used)
         cv2.accumulateSquare(values, squares, used)
         np.subtract(number, used, out=number)  # 255 more is 1 less
-    return np.array([total, squares, number], float).reshape(3, *first.shape)
+    return total.reshape(first.shape), squares.reshape(first.shape), number.reshape(first.shape)
 
 
 def median_moments(frames: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

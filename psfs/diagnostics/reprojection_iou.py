@@ -18,6 +18,8 @@ from psfs.silhouettes.hidden import UNKNOWN
 from psfs.voxels.grid import VoxelCloud, VoxelGrid
 from psfs.voxels.host_voxels import voxel_silhouette
 
+#: Pixels whose rays are found at a time: more need more memory.
+_TOGETHER = 2**18
 #: Least share of a part that must lie within the volume for the part to count whole.
 _MOSTLY = 0.4
 #: Mean share of silhouettes beyond the volume above which a warning is given.
@@ -112,15 +114,17 @@ def volume_region(rig: CameraRig, grid: VoxelGrid) -> np.ndarray:
 
 def _hits_box(camera: Camera, grid: VoxelGrid, shape: tuple[int, int]) -> np.ndarray:
     """Return the pixels (H, W) bool whose ray meets the box (slab method)."""
-    width, height = camera.size
-    u, v = np.meshgrid(np.arange(width), np.arange(height))
-    directions = camera.rays(np.stack([u, v], -1).reshape(-1, 2))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        to_low = (grid.low - camera.centre) / directions
-        to_high = (grid.high - camera.centre) / directions
-    # By pairs of columns: NumPy's nanmax takes several times as long.
-    enter = reduce(np.fmax, np.minimum(to_low, to_high).T)
-    leave = reduce(np.fmin, np.maximum(to_low, to_high).T)
-    region = np.zeros(shape, bool)
-    region[:height, :width] = ((leave >= enter) & (leave > 0)).reshape(height, width)
+    (width, height), region = camera.size, np.zeros(shape, bool)
+    step = max(1, _TOGETHER // width)
+    for top in range(0, height, step):
+        rows = np.arange(top, min(top + step, height))
+        u, v = np.meshgrid(np.arange(width), rows)
+        directions = camera.rays(np.stack([u, v], -1).reshape(-1, 2))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            to_low = (grid.low - camera.centre) / directions
+            to_high = (grid.high - camera.centre) / directions
+        # By pairs of columns: NumPy's nanmax takes several times as long.
+        enter = reduce(np.fmax, np.minimum(to_low, to_high).T)
+        leave = reduce(np.fmin, np.maximum(to_low, to_high).T)
+        region[rows, :width] = ((leave >= enter) & (leave > 0)).reshape(len(rows), width)
     return region

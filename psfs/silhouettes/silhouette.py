@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -128,8 +129,12 @@ class Silhouette:
         prior."""
         device, rig, config = self.device, self.rig, self._config
         rows, columns = cells(rig)
-        planes = background_planes(background, config.background)
-        scene = device.to_device(planes, "the background")
+        scene = device.empty((len(rig), 8, rig.height, rig.width), np.float32, "the background")
+        size = scene.nbytes // len(rig)
+        fill = partial(background_planes, background, config.background)
+        # Two at a time: those of all views of 4K would take a gigabyte.
+        for view, planes in enumerate(map_in_threads(fill, range(len(rig)), 2)):
+            scene.region(view * size, planes.shape, np.float32).set(planes)
         cells_of_views = (len(rig), rows, columns)
         prior = ForegroundPrior(
             device.zeros((1 + self._n_parts, BINS**3), np.int8, "the foreground's colours"),
@@ -246,20 +251,15 @@ class Silhouette:
         return self.device.launch(kernel, shape, group, picture=self.rig.picture, **arguments)
 
 
-def background_planes(background: Background, config: BackgroundConfig) -> np.ndarray:
-    """Return (V, 8, H, W) float32: mean (3), 1 / sigma^2 (3), log of the background's peak density
-    over the uniform foreground's, 1 / shadow_width^2."""
+def background_planes(background: Background, config: BackgroundConfig, view: int) -> np.ndarray:
+    """Return (8, H, W) float32 of a view: mean (3), 1 / sigma^2 (3), log of the background's peak
+    density over the uniform foreground's, 1 / shadow_width^2."""
     # Work plane by plane: sums over a pixel's three channels take several times as long.
-    mean, std = (np.moveaxis(array, -1, 1) for array in (background.mean, background.std))
-    planes = np.empty((len(mean), 8, *mean.shape[2:]), np.float32)
-    planes[:, :3] = mean
-
-    def fill(view: int) -> None:
-        own = planes[view]
-        sigma = np.maximum(std[view], np.float32(config.sigma_floor), order="C")
-        own[3:6] = sigma**-2
-        own[6] = np.log(256 / (np.sqrt(2 * np.pi) * sigma)).sum(0)
-        own[7] = config.shadow_width(np.moveaxis(own[:3], 0, -1)) ** -2
-
-    list(map_in_threads(fill, range(len(planes))))
+    mean, std = (np.moveaxis(array[view], -1, 0) for array in (background.mean, background.std))
+    planes = np.empty((8, *mean.shape[1:]), np.float32)
+    planes[:3] = mean
+    sigma = np.maximum(std, np.float32(config.sigma_floor), order="C")
+    planes[3:6] = sigma**-2
+    planes[6] = np.log(256 / (np.sqrt(2 * np.pi) * sigma)).sum(0)
+    planes[7] = config.shadow_width(np.moveaxis(planes[:3], 0, -1)) ** -2
     return planes
