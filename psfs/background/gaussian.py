@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from functools import reduce
 from itertools import chain, islice
 from typing import TypeAlias
 
@@ -97,7 +96,12 @@ def _moments(
     the lowest and highest value (h, w, 3) uint8 of each pixel and channel."""
     left = iter(frames)
     lots = (_sums(first, islice(left, _LOT - 1), within) for first in left)
-    total, squares, number = reduce(lambda a, b: tuple(map(_add_exactly, a, b)), lots)
+    total, squares, number = next(lots)
+    for more in lots:  # beyond one, float32 is not exact
+        total, squares, number = (
+            sums.astype(np.float64) + of
+            for sums, of in zip((total, squares, number), more, strict=True)
+        )
     found = np.empty((3, *total.shape), np.float32)
     rows = max(1, _BAND_BYTES // total[0].nbytes)
     for top in range(0, len(total), rows):  # float64 of all would take much memory
@@ -109,10 +113,6 @@ def _moments(
         found[1, band] = np.maximum(squares[band] / used - mean * mean, 0)
     mean, variance, count = found
     return mean, variance, count
-
-
-def _add_exactly(sums: np.ndarray, more: np.ndarray) -> np.ndarray:
-    return sums.astype(np.float64, copy=False) + more
 
 
 def _sums(
