@@ -26,10 +26,10 @@ class _Cost(NamedTuple):
 
 #: In their order: the stages of all people together, and of each person, one after the other, the
 #: first pass, the second pass and the results.
-_FOR_ALL = {"opening": _Cost(0.5), "examining": _Cost(4), "people": _Cost(0.8)}
+_FOR_ALL = {"opening": _Cost(0.7), "examining": _Cost(6), "people": _Cost(0.6)}
 _FIRST = {
-    **{"volume": _Cost(0.4), "start": _Cost(3), "preparing": _Cost(0.4)},
-    **{"tracking": _Cost(0, 0.012), "tracking back": _Cost(0, 0.005), "fitting": _Cost(2, 0.04)},
+    **{"volume": _Cost(0.1), "start": _Cost(4), "preparing": _Cost(0.4)},
+    **{"tracking": _Cost(0, 0.015), "tracking back": _Cost(0, 0.007), "fitting": _Cost(0.5, 0.02)},
 }
 AGAIN = {f"{stage} again": _FIRST[stage] for stage in ("tracking", "tracking back", "fitting")}
 _RESULTS = {"overlay": _Cost(0, 0.02), "checking": _Cost(2)}

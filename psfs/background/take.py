@@ -46,8 +46,9 @@ from psfs.footage.media import Media
 
 #: Longest side of the small pictures in which people are searched, px.
 _LONGEST_SIDE = 320
-#: Greatest size of the frames of all views that are in memory at a time, bytes.
-_READ_BYTES = 2**30
+#: Greatest size of the frames of all views that are in memory at a time, bytes, with as many more
+#: frames as the moments of a film are large.
+_READ_BYTES, _OF_MOMENTS = 2**31, 32
 #: Greatest number of alternations of expectation and maximisation, and the share of pixels that
 #: change label below which they end.
 _ROUNDS, _CONVERGED = 8, 0.002
@@ -95,7 +96,7 @@ def estimate_background_from_take(
     """
     factor = rig.factor_within(_LONGEST_SIDE)
     numbers = pick_evenly(min(item.count for item in media), SAMPLES).tolist()
-    n_bytes = 3 * len(numbers) * rig.width * rig.height
+    n_bytes = 3 * (len(numbers) + _OF_MOMENTS) * rig.width * rig.height
     at_once = max(1, min(_READ_BYTES // n_bytes, os.cpu_count() or 1))
     with ThreadPoolExecutor(at_once) as readers, ThreadPoolExecutor() as pool:
         read = partial(_read_samples, numbers, factor, len(media) * n_bytes <= _READ_BYTES)
