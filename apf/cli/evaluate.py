@@ -197,11 +197,16 @@ def print_evaluation(evaluation: Evaluation) -> None:
     ]
     if summary["limbs_said_to_be_lost"]:
         shares = ", ".join(f"{n} {s:.1%}" for n, s in summary["limbs_said_to_be_lost"].items())
+        right = summary["limbs_beyond_200_mm_flagged"]
+        rightly = (
+            ""
+            if right is None
+            else (f"{right:.0%} of limbs with an error above {1000 * LOST_LIMB:.0f} mm and ")
+        )
         lines.append(
-            f"the track itself marks as lost, of all frames: {shares}. It marks "
-            f"{_share(summary['limbs_beyond_200_mm_flagged'])} of limbs with an error above "
-            f"{1000 * LOST_LIMB:.0f} mm, {_share(summary['limbs_within_150_mm_flagged'])} of those "
-            f"below {1000 * LOST_JOINT:.0f} mm; in 95 %, of all joints not marked: "
+            f"the track itself marks as lost, of all frames: {shares}. It marks {rightly}"
+            f"{_share(summary['limbs_within_150_mm_flagged'])} of limbs below "
+            f"{1000 * LOST_JOINT:.0f} mm; in 95 %, of all joints not marked: "
             f"{_share(summary['inside_95_unflagged'])}"
         )
     if summary["lost_frames"]:
