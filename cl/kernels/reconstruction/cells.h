@@ -1,4 +1,4 @@
-// Cells of CELL x CELL pixels of a picture, along x and y; counterpart: psfs/cameras/cells.py.
+// Cells of CELL x CELL pixels of a picture, along x and y; counterpart: psfs/cameras/rig_geometry.py.
 #ifndef CELL
 #error "reconstruction/cells.h needs CELL"
 #endif
