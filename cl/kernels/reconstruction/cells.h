@@ -1,4 +1,5 @@
-// Cells of CELL x CELL pixels of a picture, along x and y; counterpart: psfs/cameras/rig_geometry.py.
+// Cells of CELL x CELL pixels of a picture, along x and y; counterpart:
+// psfs/cameras/rig_geometry.py.
 #ifndef CELL
 #error "reconstruction/cells.h needs CELL"
 #endif
