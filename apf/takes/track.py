@@ -90,10 +90,11 @@ def run_track(
     """
     method = request.method
     writes, back = request.output is not None, method.goes_back
+    stated = request.init is not None or request.keypoints is not None
     left_out = {
         "overlay": not (writes and request.video), "checking": not (writes and request.report),
         "tracking back": not back, "fitting": not back,
-        **dict.fromkeys(AGAIN, not back or bool(request.init or request.keypoints)),
+        **dict.fromkeys(AGAIN, not back or stated),
     }  # fmt: skip
     is_gpu = isinstance(device, Device) and device.is_gpu
     progress.expect([stage for stage, out in left_out.items() if out], is_gpu)
