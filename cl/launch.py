@@ -8,10 +8,10 @@ from typing import Any, TypeAlias
 
 import pyopencl
 import pyopencl._cl
-import pyopencl.invoker
 
 from cl.array import Array, Commands
 from cl.errors import DeviceError, device_failure
+from cl.folders import replace_unwritable_caches
 from cl.signature import Argument, Parameter, Signatures
 
 
@@ -38,6 +38,9 @@ class _CodeCache(dict[Any, Any]):
     def store_if_not_present(self, key: Any, value: Any) -> None:
         self.setdefault(key, value)
 
+
+replace_unwritable_caches()  # before pyopencl opens its database, when this module is imported
+import pyopencl.invoker  # noqa: E402
 
 pyopencl.invoker.invoker_cache = _CodeCache()  # type: ignore[assignment]
 

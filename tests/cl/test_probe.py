@@ -120,6 +120,14 @@ def test_a_temporary_cache_that_others_may_write_to_is_not_used(
         assert (place == usual) == used and not place.stat().st_mode & 0o022
 
 
+def test_kernels_are_launched_without_a_home(tmp_path: Path) -> None:
+    """PyOpenCL opens a database in the cache when `cl.launch` is imported."""
+    places = {"HOME": "/proc/none", "XDG_CACHE_HOME": "", "TMPDIR": str(tmp_path)}
+    words = [sys.executable, "-c", "import cl.launch"]
+    done = subprocess.run(words, env={**os.environ, **places}, capture_output=True, text=True)
+    assert done.returncode == 0 and "Error" not in done.stderr, done.stderr
+
+
 @pytest.mark.skipif(os.name == "nt", reason="Windows has no limit of file sizes")
 def test_a_cache_without_room_for_kernels_is_refused(tmp_path: Path) -> None:
     code = (
