@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import cache
 from typing import Any, TypeAlias
 
 import pyopencl
@@ -11,7 +12,6 @@ import pyopencl._cl
 
 from cl.array import Array, Commands
 from cl.errors import DeviceError, device_failure
-from cl.folders import replace_unwritable_caches
 from cl.signature import Argument, Parameter, Signatures
 
 
@@ -39,10 +39,14 @@ class _CodeCache(dict[Any, Any]):
         self.setdefault(key, value)
 
 
-replace_unwritable_caches()  # before pyopencl opens its database, when this module is imported
-import pyopencl.invoker  # noqa: E402
+@cache
+def _keep_code() -> None:
+    """Let pyopencl keep what it generates in memory. Its module opens the database when it is
+    imported, for which the device has found a folder by then."""
+    import pyopencl.invoker
 
-pyopencl.invoker.invoker_cache = _CodeCache()  # type: ignore[assignment]
+    pyopencl.invoker.invoker_cache = _CodeCache()  # type: ignore[assignment]
+
 
 #: Part of a frame's work, done when called: a `Launch`, or a computation by another library that
 #: the host must wait for.
@@ -83,6 +87,7 @@ class Kernel:
     def fresh(self) -> Any:
         """Return a pyopencl kernel that keeps its own arguments. Raises DeviceError where the
         defines leave it out."""
+        _keep_code()
         try:
             return pyopencl.Kernel(self._program, self.name)
         except pyopencl.LogicError as error:

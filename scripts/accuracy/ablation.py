@@ -39,7 +39,6 @@ ABLATIONS: dict[str, Callable[[Preset], Preset]] = {
     "no limb search": partial(_filter, limb_search_reach=0.0),
     "no silhouette recall": partial(_filter, limb_search_least_recall=0.0),
     "no way back": partial(_method, both_ways=False),
-    "one run": partial(_method, runs=1),
     "no recovery": partial(_method, recover=False),
     "no holes filled": partial(_filter, foreground_join=False),
     "no floor's shadows": partial(_silhouettes, part="floor", on=False),
