@@ -76,7 +76,7 @@ def print_outcome(judgement: Judgement, n_frames: int) -> None:
     check, and the files that were written."""
     track, folder = judgement.quality.track, judgement.folder
     if was_interrupted(track, n_frames):
-        lacking = "" if len(track) < n_frames else ", the last ones by the forward pass alone"
+        lacking = "" if len(track) < n_frames else ", not all of them by every pass"
         stderr.print(
             f"{len(track)} of {n_frames} frames are in {folder}{lacking}; the same command tracks "
             "all again"

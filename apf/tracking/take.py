@@ -179,15 +179,20 @@ def track_again(
         tracked = TrackedBody(session.sequence.folder, track.frames, cones)
     task = replace(started.task, body=first.body, pose=first.pose, tracked=tracked)
     report = None if progress is None else lambda stage: progress(f"{stage} again")
-    outlines = dict[int, Outlines]()
-    second = track_once(replace(started, task=task), report, None, outlines)
-    seconds = first.seconds + second.seconds
-    if second.error is not None or second.tracks[0].interrupted:
-        tracks = [each.as_interrupted for each in first.tracks]
-        return replace(first, tracks=tracks, error=second.error, seconds=seconds)
-    second = fit_personal(started, replace(second, seconds=seconds), outlines, report)
-    pairs = zip(first.tracks, second.tracks, strict=True)
-    return replace(second, tracks=[compare_passes(*pair) for pair in pairs])
+    outlines, error = dict[int, Outlines](), None
+    try:
+        second = track_once(replace(started, task=task), report, None, outlines)
+        error = second.error
+        if error is None and not second.tracks[0].interrupted:
+            second = replace(second, seconds=first.seconds + second.seconds)
+            second = fit_personal(started, second, outlines, report)
+            pairs = zip(first.tracks, second.tracks, strict=True)
+            return replace(second, tracks=[compare_passes(*pair) for pair in pairs])
+    except KeyboardInterrupt:
+        pass
+    except UserError as failure:
+        error = failure
+    return replace(first, tracks=[each.as_interrupted for each in first.tracks], error=error)
 
 
 def choose_heading(

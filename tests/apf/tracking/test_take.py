@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from helpers import scenes
+from helpers.tracks import walker
 
+from apf.filters.method import Method
 from apf.initialisation.start import StartError
-from apf.tracking.take import rank_starts
-from cl import NumpyDevice
+from apf.tracking import take
+from apf.tracking.pipeline import TrackingTask
+from apf.tracking.take import StartedTake, Take, rank_starts, track_again
+from cl import DeviceError, NumpyDevice
 from psfs.session import Session, SessionSettings
 from psfs.volume import automatic_grid
 from psfs.voxels.grid import VoxelGrid
@@ -64,3 +70,23 @@ def test_the_start_is_where_the_person_stands_whole() -> None:
 def test_nobody_in_any_frame_is_an_error_of_the_start() -> None:
     with pytest.raises(StartError, match="nobody is seen in 24 frames"):
         rank_starts(session_of({range(N): block(0.1)}))
+
+
+@pytest.mark.parametrize("ended", [KeyboardInterrupt(), DeviceError("the device was lost")])
+def test_the_first_pass_counts_if_the_second_one_does_not_end(
+    monkeypatch: pytest.MonkeyPatch, ended: BaseException
+) -> None:
+    def end(*args: object) -> Take:
+        raise ended
+
+    monkeypatch.setattr(take, "track_once", end)
+    track = walker()
+    body, session = track.its_body, session_of({})
+    session.sequence.folder = Path("nowhere")
+    task = TrackingTask(replace(body, name="of the start"), track.poses[0], Method(), [0])
+    first = Take(session.sequence, body, track.poses[0], None, [track], 1.0)
+    found = track_again(StartedTake(session, task), first)
+    assert found.tracks[0].interrupted and found.error is (
+        ended if isinstance(ended, DeviceError) else None
+    )
+    np.testing.assert_array_equal(found.tracks[0].poses, track.poses)
