@@ -94,10 +94,10 @@ def find_start(
         )
     seen = float(np.median([np.ptp(cloud.heights) for cloud in clouds]))
 
-    def make_start(found: Hypothesis, rival: float, rivals: Sequence[Start] = ()) -> Start:
-        girth = float(np.exp(found.shape[:2].sum())) * stature(scene.body) / seen
-        body = search.model.body(found.shape)
-        return Start(body, found.poses[0], rival, seen, girth, tuple(rivals))
+    def make_start(fit: Hypothesis, rival: float, rivals: Sequence[Start] = ()) -> Start:
+        girth = float(np.exp(fit.shape[:2].sum())) * stature(scene.body) / seen
+        body = search.model.body(fit.shape)
+        return Start(body, fit.poses[0], rival, seen, girth, tuple(rivals))
 
     factors = [each.cost / fits[0].cost for each in rivals]
     others = [

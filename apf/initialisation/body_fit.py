@@ -163,9 +163,9 @@ class SurfaceEvidence:
         axes = list(zip(*world_axes(body, at.poses), strict=True))
         for frame, (cloud, pose, mine) in enumerate(zip(self.clouds, at.poses, cones, strict=True)):
             cone, coordinates, target, share = find_contacts(model.template, cloud, mine)
-            own = mine[cone]
-            here = place_points(own, coordinates)
-            normal = cone_normals(here, own)
+            nearest = mine[cone]
+            here = place_points(nearest, coordinates)
+            normal = cone_normals(here, nearest)
             normal /= np.maximum(np.sqrt(dot(normal, normal)), 1e-9)[:, None]
             by_pose = point_jacobian(body, pose, cone, here, normal, axes[frame])
             by_shape = surface_displacements(mine, growths[frame], cone, coordinates, normal)

@@ -102,17 +102,17 @@ def find_outlines(rig: CameraRig, pixels: Sequence[Sequence[np.ndarray]]) -> lis
     `find_outline_pixels`."""
     if not pixels:
         return []
-    ways = []
+    by_view = []
     for camera, frames in zip(rig, zip(*pixels, strict=True), strict=True):
         through = camera.rays(np.concatenate(frames).astype(float))
         through /= np.linalg.norm(through, axis=1)[:, None]
-        ways.append(np.split(through, np.cumsum([len(of) for of in frames])[:-1]))
+        by_view.append(np.split(through, np.cumsum([len(of) for of in frames])[:-1]))
     outlines = []
-    for frame in zip(*ways, strict=True):
+    for frame in zip(*by_view, strict=True):
         rays, views = np.concatenate(frame), np.repeat(np.arange(len(rig)), [*map(len, frame)])
-        seen = np.isfinite(rays).all(1)
+        finite = np.isfinite(rays).all(1)
         outlines.append(
-            Outlines(rays[seen].astype(np.float32), views[seen].astype(np.uint8), rig.centres)
+            Outlines(rays[finite].astype(np.float32), views[finite].astype(np.uint8), rig.centres)
         )
     return outlines
 
@@ -492,12 +492,12 @@ def nearest_outline(
     length = np.linalg.norm(axis, axis=-1)
     # Axes in which a cone's section is a circle.
     frames = np.stack([cones[..., 8:11], cones[..., 12:15], axis / length[..., None]], 1)
-    starts, ways = [], []
+    starts, directions = [], []
     for of, own, turns in zip(outlines, cones, frames, strict=True):
         centres = np.einsum("icj,vcj->ivc", turns, of.centres[:, None] - own[:, 0:3])
         starts.append(centres[:, of.views])
-        ways.append(of.rays.astype(np.float64) @ turns.swapaxes(1, 2))
-    start, along, reach = np.concatenate(starts, 1), np.concatenate(ways, 1), length[frame]
+        directions.append(of.rays.astype(np.float64) @ turns.swapaxes(1, 2))
+    start, along, reach = np.concatenate(starts, 1), np.concatenate(directions, 1), length[frame]
     across = along[0] ** 2 + along[1] ** 2
     nearest = -(start[0] * along[0] + start[1] * along[1]) / np.maximum(across, 1e-12)
     t = np.clip((start[2] + nearest * along[2]) / reach, 0, 1)

@@ -199,23 +199,26 @@ def choose_heading(
     started: StartedTake, progress: Callable[[str], object] | None = None
 ) -> StartedTake:
     """Return the start, or the one of its rivals with another heading, whose body fits best to the
-    whole take when it is tracked in one direction. Its `rival` is then that of the take."""
+    whole take when it is tracked in one direction. Its `rival` is then that of the take. Raises
+    UserError and KeyboardInterrupt."""
     start, task = started.start, started.task
     if not started.personal or start is None or not start.rivals:
         return started
     one_way = task.method.replace(both_ways=False)
-    tried: list[tuple[float, int, np.ndarray, Start]] = []
-    for number, each in enumerate((start, *start.rivals)):
+    starts, errors, joints = (start, *start.rivals), list[float](), list[np.ndarray]()
+    for each in starts:
         alone = replace(task, body=each.body, pose=each.pose, method=one_way, seeds=task.seeds[:1])
-        track = track_frames(started.session, alone, progress).tracks[0]
-        error = float(-np.mean(track.diagnostics["best_log_weight"]))
-        tried.append((error, number, track.joints, each))
-    error, _, joints, best = min(tried, key=lambda one: one[:2])
-    other = [
-        of[0] / error for of in tried
-        if np.linalg.norm(of[2] - joints, axis=-1).mean() > SAME_PLACE
-    ]  # fmt: skip
-    best = replace(best, rival=min(other, default=np.inf), rivals=())
+        tracked = track_frames(started.session, alone, progress)
+        if tracked.error is not None:
+            raise tracked.error
+        if tracked.tracks[0].interrupted:
+            raise KeyboardInterrupt
+        errors.append(float(-np.mean(tracked.tracks[0].diagnostics["best_log_weight"])))
+        joints.append(tracked.tracks[0].joints)
+    least = int(np.argmin(errors))
+    apart = np.linalg.norm(np.stack(joints) - joints[least], axis=-1).mean((1, 2)) > SAME_PLACE
+    rival = float(np.min(np.array(errors)[apart], initial=np.inf)) / errors[least]
+    best = replace(starts[least], rival=rival, rivals=())
     return replace(started, start=best, task=replace(task, body=best.body, pose=best.pose))
 
 
@@ -282,7 +285,7 @@ def _find_start(
 ) -> tuple[int, Start]:
     """Return the start, and its frame, in the first of the likely frames in which there is one with
     a heading that is not ambiguous; without any, the least ambiguous one."""
-    found: list[tuple[int, Start]] = []
+    starts: list[tuple[int, Start]] = []
     failed: StartError | None = None
     for frame in rank_starts(session, progress):
         try:
@@ -295,12 +298,12 @@ def _find_start(
         except StartError as error:
             failed = failed or error
             continue
-        found.append((frame, start))
+        starts.append((frame, start))
         if not start.is_ambiguous:
             break
-    if not found:
+    if not starts:
         raise failed or StartError("no start was tried; expected frames with a person")
-    return max(found, key=lambda one: one[1].rival)
+    return max(starts, key=lambda each: each[1].rival)
 
 
 def rank_starts(session: Session, progress: Callable[[], object] | None = None) -> list[int]:

@@ -12,10 +12,10 @@ from helpers import scenes
 from helpers.tracks import walker
 
 from apf.filters.method import Method
-from apf.initialisation.start import StartError
+from apf.initialisation.start import Start, StartError
 from apf.tracking import take
-from apf.tracking.pipeline import TrackingTask
-from apf.tracking.take import StartedTake, Take, rank_starts, track_again
+from apf.tracking.pipeline import Tracked, TrackingTask
+from apf.tracking.take import StartedTake, Take, choose_heading, rank_starts, track_again
 from cl import DeviceError, NumpyDevice
 from psfs.session import Session, SessionSettings
 from psfs.volume import automatic_grid
@@ -90,3 +90,35 @@ def test_the_first_pass_counts_if_the_second_one_does_not_end(
         ended if isinstance(ended, DeviceError) else None
     )
     np.testing.assert_array_equal(found.tracks[0].poses, track.poses)
+
+
+@pytest.mark.parametrize("ended", [KeyboardInterrupt(), DeviceError("the device was lost")])
+def test_headings_are_not_compared_by_tracks_that_ended_early(
+    monkeypatch: pytest.MonkeyPatch, ended: BaseException
+) -> None:
+    track = walker()
+    error = ended if isinstance(ended, DeviceError) else None
+    tracked = Tracked([track if error else track.as_interrupted], error)
+    monkeypatch.setattr(take, "track_frames", lambda *args: tracked)
+    found = Start(track.its_body, track.poses[0], 1.1, 1.7, 1.0)
+    start = replace(found, rivals=(found,))
+    task = TrackingTask(start.body, start.pose, Method(), [0])
+    with pytest.raises(type(ended)):
+        choose_heading(StartedTake(session_of({}), task, start, personal=True))
+
+
+def test_the_take_decides_between_headings(monkeypatch: pytest.MonkeyPatch) -> None:
+    track = walker()
+
+    def with_error(error: float, off: float) -> Tracked:
+        weights = {**track.diagnostics, "best_log_weight": np.full((len(track), 1), -error)}
+        return Tracked([replace(track, joints=track.joints + off, diagnostics=weights)])
+
+    results = iter([with_error(20.0, 0.0), with_error(16.0, 1.0), with_error(17.0, 1.01)])
+    monkeypatch.setattr(take, "track_frames", lambda *args: next(results))
+    starts = [Start(track.its_body, track.poses[k], 1.1, 1.7, 1.0) for k in range(3)]
+    start = replace(starts[0], rivals=tuple(starts[1:]))
+    task = TrackingTask(start.body, start.pose, Method(), [0])
+    chosen = choose_heading(StartedTake(session_of({}), task, start, personal=True))
+    assert chosen.start is not None and chosen.start.rival == 20 / 16  # the third is the same track
+    np.testing.assert_array_equal(chosen.task.pose, track.poses[1])
