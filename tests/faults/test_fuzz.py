@@ -9,9 +9,10 @@ from __future__ import annotations
 import contextlib
 import json
 import pickle
-import time
+import shutil
 from collections.abc import Callable
 from pathlib import Path
+from random import Random
 from typing import Any
 
 import cv2
@@ -19,10 +20,7 @@ import numpy as np
 import pytest
 import tomli_w
 from helpers import bodies, footage, opensim, scenes, tracks
-from helpers.fuzz import CHANGE, FUZZING, MEMORY, SECONDS, changed
-from helpers.memory import limited_memory
-from hypothesis import given
-from hypothesis import strategies as st
+from helpers.fuzz import check_reader, draw_examples
 from scipy.io import savemat
 
 from apf.body.toml import load_body
@@ -162,35 +160,28 @@ def test_seeds_are_read(whole: Path, name: str) -> None:
 
 
 @pytest.mark.parametrize("name", READERS)
-@FUZZING
-@given(changes=st.lists(CHANGE, min_size=1, max_size=3))
-def test_damaged_files(tmp_path: Path, whole: Path, name: str, changes: list) -> None:
-    source = name.split(" ")[0]
-    path, data = tmp_path / source, (whole / source).read_bytes()
-    for change in changes:
-        data = changed(data, *change)
+def test_damaged_files(tmp_path: Path, whole: Path, name: str) -> None:
+    path = tmp_path / name.split(" ")[0]
     path.parent.mkdir(exist_ok=True)
-    path.write_bytes(data)
-    began = time.process_time()
-    with limited_memory(MEMORY):
-        try:
-            READERS[name](path)
-        except InputError as error:
-            assert path.name in str(error) or str(path.parent) in str(error), error
-    assert time.process_time() - began < SECONDS
+    shutil.copy(whole / name.split(" ")[0], path)
+    named = Path(path.name)
+    check_reader(lambda: READERS[name](path), [path], named, path.parent)
 
 
-@FUZZING
-@given(name=st.text(max_size=120))
-def test_names(name: str) -> None:
-    """A name that passes is a file's inside a folder, and prints as it is."""
-    with contextlib.suppress(InputError):
-        check_name(name, "a camera")
-        assert 0 < len(name) <= LONGEST_NAME and escape_unprintable(name) == name
-        assert Path("folder", name).parent == Path("folder") and name not in ("", ".", "..")
+def draw_text(random: Random) -> str:
+    """Return a text of characters of all kinds, none of them half of a pair."""
+    ranges = ((0, 0x20), (0x20, 0x7F), (0x7F, 0x3000), (0x3000, 0xD800), (0xE000, 0x110000))
+    chosen = random.choices(ranges, k=random.choice((0, 1, 2, 12, 120)))
+    return "".join(chr(random.randrange(*of)) for of in chosen)
 
 
-@FUZZING
-@given(text=st.text())
-def test_what_is_printed_is_one_line(text: str) -> None:
-    assert escape_unprintable(text).isprintable()
+def test_names_and_what_is_printed() -> None:
+    """A name that passes is a file's inside a folder, and prints as it is; all that is printed is
+    one line."""
+    for random in draw_examples():
+        name = draw_text(random)
+        assert escape_unprintable(name).isprintable()
+        with contextlib.suppress(InputError):
+            check_name(name, "a camera")
+            assert 0 < len(name) <= LONGEST_NAME and escape_unprintable(name) == name
+            assert Path("folder", name).parent == Path("folder") and name not in ("", ".", "..")
