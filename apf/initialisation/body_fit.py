@@ -232,8 +232,8 @@ def find_contacts(
     own = place_points(cones[cone], coordinates)
     depth = cone_distances(own, cones)
     depth[np.arange(len(cone)), cone] = np.inf
-    free = depth.min(1) > 0
-    target = np.where(free[:, None], cloud.tree.data[cloud.tree.query(own)[1]], np.nan)
+    free, target = depth.min(1) > 0, np.full(own.shape, np.nan)
+    target[free] = cloud.tree.data[cloud.tree.query(own[free])[1]]
     counts = len(points), max(1, np.count_nonzero(free))
     return (
         np.concatenate([nearest, cone]),

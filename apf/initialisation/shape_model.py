@@ -120,7 +120,9 @@ def surface_displacements(
     radius = (1 - t) * ends[:, 3:4] + t * ends[:, 7:8]
     along = np.concatenate([normal, dot(normal, outward)[:, None] / radius], 1)
     per_end = np.concatenate([(1 - t) * along, t * along], 1)
-    return np.einsum("skj,kj->sk", growths[:, cone], per_end)
+    each = np.zeros((len(cone), *growths.shape[1:]))  # a product of matrices needs no gathered rows
+    each[np.arange(len(cone)), cone] = per_end
+    return growths.reshape(len(growths), -1) @ each.reshape(len(cone), -1).T
 
 
 def nearest_coordinates(points: np.ndarray, cones: np.ndarray) -> np.ndarray:

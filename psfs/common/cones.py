@@ -19,17 +19,15 @@ def cone_distances(points: np.ndarray, cones: np.ndarray) -> np.ndarray:
     Measured in the frame where the elliptic section is a circle: exact for round cones except for
     their taper; the ends are rounded. Negative inside.
     """
-    a, b = cones[:, 0:3], cones[:, 4:7]
-    axis = b - a
+    a = cones[:, 0:3]
+    axis = cones[:, 4:7] - a
     length = np.linalg.norm(axis, axis=-1)
-    axis = axis / length[:, None]
-    # One coordinate of all at a time: NumPy is slow along an axis of three.
-    px, py, pz = (points[:, k, None] - a[:, k] for k in range(3))
-    ways = (axis, cones[:, 8:11], cones[:, 12:15])
-    z, x, y = (px * way[:, 0] + py * way[:, 1] + pz * way[:, 2] for way in ways)
+    ways = np.stack([cones[:, 8:11], cones[:, 12:15], axis / length[:, None]])
+    x, y, z = points @ ways.swapaxes(1, 2) - dot(ways, a)[:, None]
     t = np.clip(z / length, 0.0, 1.0)
+    z -= t * length
     radius = cones[:, 3] + t * (cones[:, 7] - cones[:, 3])
-    return np.sqrt(x * x + y * y + (z - t * length) ** 2) - radius
+    return np.sqrt(x * x + y * y + z * z) - radius
 
 
 def ray_cone_distances(origin: np.ndarray, rays: np.ndarray, cones: np.ndarray) -> np.ndarray:

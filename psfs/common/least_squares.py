@@ -32,6 +32,8 @@ Parameters = Mapping[str, np.ndarray]
 REACH = 2.5
 #: Fewest measurements whose noise is estimated apart.
 LEAST_GROUP = 10
+#: Fewest numbers that depend on the same items, on average, whose derivatives are full matrices.
+_LEAST_RUN = 16
 #: A step is the last if parameters move by less than this share of their standard deviations.
 _SETTLED = 1e-2
 #: Damping of the first step, as a share of the diagonal.
@@ -117,6 +119,13 @@ def robust_weights(values: np.ndarray, noise: np.ndarray | float) -> np.ndarray:
     rows = _as_rows(values)
     square = np.square(rows).sum(axis=1) / rows.shape[1]
     return np.nan_to_num(1 / (1 + square / np.square(REACH * np.asarray(noise))) ** 2)
+
+
+def _find_runs(of: Residuals) -> np.ndarray:
+    """Return where runs (N,) of measurements begin that depend on the same items."""
+    items = np.stack([slope.items for slope in of.slopes])
+    changes = (items[:, 1:] != items[:, :-1]).any(axis=0)
+    return np.flatnonzero(np.append(len(of.values) > 0, changes))
 
 
 def prior(
@@ -263,16 +272,42 @@ class _Layout:
         self, residuals: Sequence[Residuals], noises: Sequence[np.ndarray]
     ) -> tuple[scipy.sparse.csc_matrix, np.ndarray]:
         """Return the normal matrix and the gradient of all free values."""
-        rows, values = [], []
+        normal, gradient = scipy.sparse.csc_matrix((self.size, self.size)), np.zeros(self.size)
         for of, noise in zip(residuals, noises, strict=True):
             share = of.known * np.asarray(of.weights, float) / noise**2
             if of.robust:
                 share = share * robust_weights(of.rows, noise)
-            roots = np.sqrt(share)[:, None]
-            rows.append(self._rows(of, roots))
-            values.append((roots * of.rows).ravel())
-        jacobian = scipy.sparse.vstack(rows, format="csr")
-        return (jacobian.T @ jacobian).tocsc(), jacobian.T @ np.concatenate(values)
+            roots, run = np.sqrt(share)[:, None], _find_runs(of)
+            if len(run) * _LEAST_RUN < of.rows.size:
+                own, pull = self._multiply_runs(of, roots, run)
+            else:
+                rows = self._rows(of, roots)
+                own, pull = (rows.T @ rows).tocsc(), rows.T @ (roots * of.rows).ravel()
+            normal, gradient = normal + own, gradient + pull
+        return normal, gradient
+
+    def _multiply_runs(
+        self, of: Residuals, roots: np.ndarray, run: np.ndarray
+    ) -> tuple[scipy.sparse.csc_matrix, np.ndarray]:
+        """Return the normal matrix and the gradient of measurements in runs that begin at `run`
+        (N,), see `_find_runs`: a product of full matrices each."""
+        used = np.flatnonzero(roots)
+        values = np.concatenate([slope.values[used] for slope in of.slopes], axis=2)
+        values, right = np.nan_to_num(values) * roots[used, :, None], (roots * of.rows)[used]
+        width, ends = values.shape[2], np.searchsorted(used, [*run, len(roots)]).tolist()
+        places = [self._places[slope.name][slope.items[run]] for slope in of.slopes]
+        columns, gradient = np.concatenate(places, axis=1), np.zeros(self.size + 1)
+        blocks = np.empty((len(run), width, width))
+        for block, own, first, last in zip(blocks, columns, ends, ends[1:], strict=False):
+            rows = values[first:last].reshape(-1, width)
+            np.matmul(rows.T, rows, out=block)
+            np.add.at(gradient, own, right[first:last].ravel() @ rows)
+        both = np.broadcast_arrays(columns[:, :, None], columns[:, None], blocks)
+        row, column, entries = (each.ravel() for each in both)
+        free = (row >= 0) & (column >= 0)
+        shape = self.size, self.size
+        matrix = scipy.sparse.csc_matrix((entries[free], (row[free], column[free])), shape=shape)
+        return matrix, gradient[:-1]
 
     def _rows(self, of: Residuals, roots: np.ndarray) -> scipy.sparse.csr_matrix:
         """Return the weighted rows (M R, size) of the Jacobian."""
