@@ -83,7 +83,9 @@ def find_start(
     search.config = config.filter.with_changes(noise=noise, seed=seed)
     search.progress = progress or (lambda: None)
     anchor, likely = search.try_headings(config)
-    fits = sorted((search.follow(each, anchor) for each in likely), key=lambda fit: fit.cost)
+    # The fits of all hypotheses together take as long as that of the best one.
+    fits = [search.follow(each, anchor, every=len(likely)) for each in likely]
+    fits = sorted(fits, key=lambda fit: fit.cost)
     best = search.follow(fits[0], search.best_frame)
     rivals = select_distinct(scene.body, fits, np.pi / config.n_headings)[1:]
     best = min(best, fits[0], key=lambda fit: fit.cost)
@@ -199,17 +201,21 @@ class _Search:
             pose = best.poses[0] if best else pose
         return best or found
 
-    def follow(self, found: Hypothesis, anchor: int) -> Hypothesis:
-        """Track the body of a hypothesis from frame `anchor` to both ends, and fit its shape to all
-        frames."""
+    def follow(self, found: Hypothesis, anchor: int, every: int = 1) -> Hypothesis:
+        """Track the body of a hypothesis from frame `anchor` to both ends, and fit its shape to
+        each `every`-th frame."""
         estimates = self._track_both_ways(self.search_limbs(found, anchor), anchor)
         poses = np.stack([estimate.pose for estimate in estimates])
-        fitted = Fitted(found.shape, poses)
-        evidence = SurfaceEvidence(self._clouds)
+        some = slice(anchor % every, None, every)
+        fitted = Fitted(found.shape, poses[some])
+        evidence = SurfaceEvidence(self._clouds[some])
         fitted = fit_body(self.model, evidence, fitted, free=self._free, height=self._height)
-        tracker = self._trackers(self.model.body(fitted.shape), self.config)
+        tracker, poses[some] = (
+            self._trackers(self.model.body(fitted.shape), self.config),
+            fitted.poses,
+        )
         estimates = []
-        for pose, voxels in zip(fitted.poses, self._voxels, strict=True):
+        for pose, voxels in zip(poses, self._voxels, strict=True):
             tracker.start(pose)
             estimates.append(tracker.step(voxels))
             self.progress()
