@@ -22,9 +22,12 @@ _MARGIN = 1
 
 class Rays:
     """The pixels of all cameras in which the voxels appear where people may be: those in the hull
-    of the moving `regions` (V, h, w) bool. regions: the part of them that this hull covers."""
+    of the moving `regions` (V, h, w) bool, and those below it down to the `floor`, m, if it is
+    given: people stand on one spot, or a camera does not see them move behind furniture.
 
-    def __init__(self, rig: CameraRig, regions: np.ndarray) -> None:
+    regions: (V, h, w) bool, the moving pixels of the hull, and all those below it."""
+
+    def __init__(self, rig: CameraRig, regions: np.ndarray, floor: float = np.inf) -> None:
         self._shape = regions.shape
         needed = required_views(rig)
         box = find_seen_box(rig, needed) or (np.full(3, -1.0), np.full(3, 1.0))
@@ -41,11 +44,12 @@ class Rays:
             if not len(hull):
                 break
             box = hull.min(0) - edge, hull.max(0) + edge
-        self.n_voxels = len(hull)
-        self._views = [_ViewRays(camera, hull, edge, rig.width) for camera in rig]
-        nothing = [np.zeros((1, len(of.voxels)), np.float32) for of in self._views]
-        within = [np.isfinite(self.project(view, values)[0]) for view, values in enumerate(nothing)]
-        self.regions = regions & np.stack(within)
+        below = _find_below(hull, edge, floor)
+        seen = sum(camera.look_up(below)[0].astype(int) for camera in rig)
+        voxels = np.concatenate([hull, below[seen >= needed]])
+        self.n_voxels = len(voxels)
+        self._views = [_ViewRays(camera, voxels, edge, rig.width) for camera in rig]
+        self.regions = regions & self._where_seen(0) | self._where_seen(len(hull))
 
     def __len__(self) -> int:
         return len(self._views)
@@ -56,6 +60,11 @@ class Rays:
         of = self._views[view]
         return of.voxels, maps.reshape(len(maps), -1)[:, of.pixels]
 
+    def _where_seen(self, first: int) -> np.ndarray:
+        """Return (V, h, w) bool: the pixels in which the voxels from number `first` on appear."""
+        chosen = [np.where(of.voxels >= first, 0, -np.inf)[None] for of in self._views]
+        return np.stack([self.project(view, of)[0] == 0 for view, of in enumerate(chosen)])
+
     def project(self, view: int, values: np.ndarray) -> np.ndarray:
         """Return (n, h, w) float32: the greatest of the values (n, K) of the voxels on each pixel's
         ray, in the order of `gather`; -inf where there is no voxel."""
@@ -65,6 +74,18 @@ class Rays:
             maps[:, of.pixels[of.starts]] = np.maximum.reduceat(values, of.starts, axis=1)
         kernel = np.ones((of.across, of.across), np.uint8)
         return np.stack([cv2.dilate(own.reshape(height, width), kernel) for own in maps])
+
+
+def _find_below(hull: np.ndarray, edge: float, floor: float) -> np.ndarray:
+    """Return the centres (K, 3) of the voxels below the lowest of each column of the hull (N, 3),
+    down to the height `floor`."""
+    ascending = hull[np.argsort(hull[:, 2], kind="stable")]
+    _, lowest = np.unique(np.round(ascending[:, :2] / edge), axis=0, return_index=True)
+    feet = ascending[lowest]
+    n_steps = int(max(feet[:, 2].max(initial=-np.inf) - floor, 0) / edge)
+    down = np.arange(1, n_steps + 1)[:, None, None] * np.array([0, 0, edge])
+    below = (feet - down).reshape(-1, 3)
+    return below[below[:, 2] > floor]
 
 
 class _ViewRays:

@@ -44,6 +44,8 @@ from psfs.common.numbers import pick_evenly
 from psfs.common.pictures import scale_picture
 from psfs.footage.media import Media
 
+#: Height of the floor, m.
+_FLOOR = 0.0
 #: Longest side of the small pictures in which people are searched, px.
 _LONGEST_SIDE = 320
 #: Greatest size of the frames of all views that are in memory at a time, bytes, with as many more
@@ -125,11 +127,13 @@ def find_covered(
     moving = np.stack(list(pool.map(find_moving_region, frames)))
     moments = list(pool.map(median_moments, frames))
     films = [None] * len(rig) if film is None else [(mean, std) for mean, std in film]
-    rays, results = Rays(rig, moving), []
+    floor = np.inf if film is None else _FLOOR
+    rays, results = Rays(rig, moving, floor), []
     for from_median in (True, False):
         if film is not None and not from_median:
-            seeds = moving if rays.n_voxels else np.ones_like(moving)
-            rays = Rays(rig, np.stack(list(pool.map(_find_changes, seeds, moments, films))))
+            seeds = moving | rays.regions if rays.n_voxels else np.ones_like(moving)
+            changes = np.stack(list(pool.map(_find_changes, seeds, moments, films)))
+            rays = Rays(rig, changes, floor)
         learn = partial(PixelDensities, from_median=from_median)
         densities = list(pool.map(learn, frames, rays.regions, moments, films))
         results.append(_maximise(rays, frames, densities, pool))
