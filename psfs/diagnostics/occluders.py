@@ -24,10 +24,9 @@ from psfs.diagnostics.small_views import LARGE_SIDE, Shrink, compute_ahead
 from psfs.session import Session
 from psfs.silhouettes.config import SilhouetteConfig
 from psfs.volume import find_volume
-from psfs.voxels.occupied_box import FLOOR
 from psfs.voxels.config import OccupancyConfig
 from psfs.voxels.grid import VoxelGrid
-from psfs.voxels.occupied_box import CoarseSpace, finest_pixel, look_up
+from psfs.voxels.occupied_box import FLOOR, CoarseSpace, finest_pixel, look_up
 
 #: Examined frames, spread over the sequence.
 _SAMPLES = 64

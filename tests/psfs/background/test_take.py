@@ -39,8 +39,8 @@ class Pictures(Media):
 
 def take(shifts: np.ndarray, gains: np.ndarray, posters: bool = False, rooted: bool = False):
     """Rig, empty scene (V, H, W, 3) and pictures of a block that stands at `shifts` (n, 2) m, in
-    light of `gains` (n, 3). rooted: its lower half stays in its place, and between knee and foot looks like
-    the scene in shadow."""
+    light of `gains` (n, 3). rooted: its lower half stays in its place and has
+    between knee and foot the colours of the scene in shadow."""
     rig, random = scenes.ring(5, SIZE), np.random.default_rng(3)
     axes = [np.arange(-0.2, 0.2, 0.015), np.arange(-0.15, 0.15, 0.015), np.arange(0, 1.5, 0.015)]
     block = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3)
