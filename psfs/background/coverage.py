@@ -45,8 +45,8 @@ class Rays:
                 break
             box = hull.min(0) - edge, hull.max(0) + edge
         below = _find_below(hull, edge, floor)
-        seen = sum(camera.look_up(below)[0].astype(int) for camera in rig)
-        voxels = np.concatenate([hull, below[seen >= needed]])
+        n_seeing = sum(camera.look_up(below)[0].astype(int) for camera in rig)
+        voxels = np.concatenate([hull, below[n_seeing >= needed]])
         self.n_voxels = len(voxels)
         self._views = [_ViewRays(camera, voxels, edge, rig.width) for camera in rig]
         self.regions = regions & self._where_seen(0) | self._where_seen(len(hull))
