@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 import numpy as np
 
 from apf.body.limbs import limb_names
 from apf.cli.opened_track import open_given_tracks, stated_cutoff
 from apf.formats.opensim.setup import ANGLES, INVERSE_KINEMATICS, SCALING
 from apf.request import ExportRequest
-from apf.tracking.config import OPENSIM
+from apf.tracking.config import EXPORTS, OPENSIM
 from apf.tracking.motion_files import Export, export
 from apf.tracking.people import holds_people, person_folder
 from apf.tracking.track import spans
@@ -37,12 +39,12 @@ def run(request: ExportRequest) -> None:
                 track, into, request.to, axes=request.axes, smoothing=request.smoothing,
                 raw=request.raw, osim_model=request.osim_model,
             )  # fmt: skip
-            print_export(written, request.to is None or "gait" in request.to, seen)
+            print_export(written, request.to or EXPORTS, seen)
 
 
-def print_export(written: Export, gait_wanted: bool, seen: np.ndarray) -> None:
-    """Print what the files contain, what is missing from them, and where they are; seen: frames
-    (F,) that show the person."""
+def print_export(written: Export, wanted: Collection[str], seen: np.ndarray) -> None:
+    """Print what the files contain, what is missing from them, and where they are; wanted: formats.
+    seen: frames (F,) that show the person."""
     track = written.track
     there = track.present & np.isin(track.frames, seen)
     if track.smoothing is None:
@@ -71,8 +73,10 @@ def print_export(written: Export, gait_wanted: bool, seen: np.ndarray) -> None:
             f"gait: {gait.n_steps} steps, {gait.cadence:.0f} steps/min, {gait.step_length:.2f} m "
             f"each, {gait.speed:.2f} m/s"
         )
-    elif gait_wanted:
+    elif "gait" in wanted:
         stdout.print("gait: no walk of two steps in this track")
+    if "person" in wanted and track.surface is None and track.dof_names:
+        stdout.print("person.glb: the track holds no surface; apf track measures it")
     names = {path.name for path in written.files}
     if INVERSE_KINEMATICS in names and ANGLES not in names:
         stdout.print(

@@ -1,4 +1,5 @@
-"""Write GLB, binary glTF 2.0: the body's cones as a skinned mesh that its skeleton moves.
+"""Write GLB, binary glTF 2.0: a skinned mesh that the body's skeleton moves: its cones, or the
+person's own surface in its colours.
 
 Metres, Y up, (X, Y, Z) = world (x, z, -y), as the surfaces of `psfs mesh`; rotations as
 quaternions. Blender and browsers play it. Lost frames repeat the pose before them, lost limbs are
@@ -14,13 +15,16 @@ from typing import Any
 
 import numpy as np
 
+from apf.body.kinematics import bone_matrices
 from apf.body.limbs import limb_names
-from apf.body.mesh import BodyMesh, rounded_mesh
+from apf.body.mesh import MAX_BONES, BodyMesh, rounded_mesh
 from apf.body.model import find_side
+from apf.body.surface import Surface, normals
 from apf.formats.bvh import is_translating
 from apf.formats.motion import BodyMotion
-from apf.formats.skeleton import Skeleton, build_skeleton
+from apf.formats.skeleton import TO_Y_UP, Skeleton, build_skeleton
 from psfs.common.files import write_atomically
+from psfs.mesh.marching_cubes import to_linear
 
 #: Colours of the left side, the right side and the rest, linear RGBA.
 _COLOURS = {
@@ -30,15 +34,24 @@ _COLOURS = {
 }
 
 
-def write_glb(path: str | Path, motion: BodyMotion) -> None:
-    """Write the animated body. Raises InputError if the file cannot be written."""
-    skeleton, mesh = build_skeleton(motion.body), rounded_mesh(motion.body)
-    file = _File()
-    bones = [index for index, node in enumerate(skeleton.nodes) if node.bone is not None]
+def write_glb(path: str | Path, motion: BodyMotion, surface: Surface | None = None) -> None:
+    """Write the animated body: its cones in the rest attitude, or the `surface` in its pose. Raises
+    InputError if the file cannot be written."""
+    body, skeleton, file = motion.body, build_skeleton(motion.body), _File()
+    bone_of = {k: node.bone for k, node in enumerate(skeleton.nodes) if node.bone is not None}
+    nodes, bones = list(bone_of), list(bone_of.values())
     _add_nodes(file, skeleton, motion)
-    bind = file.add(_inverse_bind_matrices(skeleton, bones), "MAT4")
-    file.model["skins"] = [{"joints": bones, "inverseBindMatrices": bind}]
-    _add_mesh(file, skeleton, bones, mesh)
+    if surface is None:
+        mesh, colours = rounded_mesh(body), np.zeros((0, 3))
+        origins, turned = skeleton.places()[nodes], np.tile(np.eye(3), (len(nodes), 1, 1))
+    else:
+        mesh, colours = surface.bind(body), surface.colours
+        rotations, places = (of[0, bones] for of in bone_matrices(body, surface.pose[None]))
+        turned = TO_Y_UP @ rotations @ skeleton.rest[bones].transpose(0, 2, 1)
+        origins = places @ TO_Y_UP.T
+    bind = file.add(_inverse_bind_matrices(origins, turned), "MAT4")
+    file.model["skins"] = [{"joints": nodes, "inverseBindMatrices": bind}]
+    _add_mesh(file, skeleton, bones, mesh, (origins, turned), colours)
     if len(motion.poses):
         _add_animation(file, skeleton, motion)
     with write_atomically(path) as temporary:
@@ -111,26 +124,38 @@ def _add_nodes(file: _File, skeleton: Skeleton, motion: BodyMotion) -> None:
     file.model |= {"nodes": nodes, "scene": 0, "scenes": [{"nodes": [*roots, len(nodes) - 1]}]}
 
 
-def _add_mesh(file: _File, skeleton: Skeleton, bones: list[int], mesh: BodyMesh) -> None:
-    """Add the cones in the rest attitude, bound to their bones, one primitive per side."""
-    joint_of = {skeleton.nodes[node].bone: joint for joint, node in enumerate(bones)}
-    owner = mesh.bones[:, 0]
-    joints = np.zeros((len(owner), 4), np.uint8)
-    joints[:, 0] = [joint_of[bone] for bone in owner]
-    weights = np.zeros((len(owner), 4), np.float32)
-    weights[:, 0] = 1
-    origins = skeleton.places()[[bones[joint] for joint in joints[:, 0]]]
-    points = origins + np.einsum("vab,vb->va", skeleton.rest[owner], mesh.positions[:, 0])
+def _add_mesh(
+    file: _File,
+    skeleton: Skeleton,
+    bones: list[int],
+    mesh: BodyMesh,
+    frames: tuple[np.ndarray, np.ndarray],
+    colours: np.ndarray,
+) -> None:
+    """Add a mesh, bound to its `bones` in frames of these origins (J, 3) and rotations (J, 3, 3):
+    in its colours (M, 3) uint8, or, without, one primitive per side."""
+    joint_of = np.argsort(bones).astype(np.uint8)
+    joints, weights = joint_of[mesh.bones], mesh.weights.astype(np.float32)
+    origins, turned = (of[joints[:, 0]] for of in frames)
+    turned = turned @ skeleton.rest[mesh.bones[:, 0]]
+    points = origins + np.einsum("vab,vb->va", turned, mesh.positions[:, 0])
+    spare = ((0, 0), (0, MAX_BONES - mesh.bones.shape[1]))
     attributes = {
         "POSITION": file.add(points.astype(np.float32), "VEC3", _VERTICES),
-        "NORMAL": file.add(_normals(points, mesh.faces), "VEC3", _VERTICES),
-        "JOINTS_0": file.add(joints, "VEC4", _VERTICES),
-        "WEIGHTS_0": file.add(weights, "VEC4", _VERTICES),
+        "NORMAL": file.add(normals(points, mesh.faces), "VEC3", _VERTICES),
+        "JOINTS_0": file.add(np.pad(joints * (weights > 0), spare), "VEC4", _VERTICES),
+        "WEIGHTS_0": file.add(np.pad(weights, spare), "VEC4", _VERTICES),
     }
     primitives: list[dict[str, Any]] = []
     materials: list[dict[str, Any]] = []
-    for side, colour in _COLOURS.items():
-        faces = mesh.faces[[find_side(mesh.names[part]) == side for part in mesh.parts]]
+    sides = np.array([find_side(name) for name in mesh.names])[mesh.parts]
+    chosen = _COLOURS
+    if len(colours):
+        linear = to_linear(colours / 255).astype(np.float32)
+        attributes["COLOR_0"] = file.add(linear, "VEC3", _VERTICES)
+        sides[:], chosen = "person", {"person": (1.0, 1.0, 1.0, 1.0)}
+    for side, colour in chosen.items():
+        faces = mesh.faces[sides == side]
         if not len(faces):
             continue
         indices = file.add(faces.reshape(-1).astype(np.uint32), "SCALAR", _INDICES)
@@ -173,19 +198,12 @@ def _add_animation(file: _File, skeleton: Skeleton, motion: BodyMotion) -> None:
     ]
 
 
-def _normals(points: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """Return (V, 3) float32 unit normals of the vertices of a surface."""
-    import trimesh  # slow to import
-
-    surface = trimesh.Trimesh(points, faces, process=False)
-    return np.asarray(surface.vertex_normals, np.float32)
-
-
-def _inverse_bind_matrices(skeleton: Skeleton, bones: list[int]) -> np.ndarray:
-    """Return inverse bind matrices (J, 4, 4) float32, by columns: rest attitude to each bone's
-    frame."""
-    matrices = np.tile(np.eye(4, dtype=np.float32), (len(bones), 1, 1))
-    matrices[:, 3, :3] = -skeleton.places()[bones]
+def _inverse_bind_matrices(origins: np.ndarray, turned: np.ndarray) -> np.ndarray:
+    """Return inverse bind matrices (J, 4, 4) float32, by columns: from the mesh to frames of these
+    origins (J, 3) and rotations (J, 3, 3)."""
+    matrices = np.tile(np.eye(4, dtype=np.float32), (len(origins), 1, 1))
+    matrices[:, :3, :3] = turned
+    matrices[:, 3, :3] = -np.einsum("jab,ja->jb", turned, origins)
     return matrices
 
 

@@ -138,7 +138,9 @@ class _Builder:
 
     def _add_point(self, point: Joint, parent: int, offset: np.ndarray) -> int:
         self.node_of[point.name] = len(self.nodes)
-        self.nodes.append(Node(node_name(point.name), parent, self.rest[point.bone] @ offset))
+        name = node_name(point.name)
+        name += "Joint" * any(name == node.name for node in self.nodes)  # beside its bone
+        self.nodes.append(Node(name, parent, self.rest[point.bone] @ offset))
         return len(self.nodes) - 1
 
 

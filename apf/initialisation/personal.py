@@ -44,7 +44,7 @@ _SPREAD = {
 #: Standard deviation, rad or m, around the tracked pose where there is no posture prior.
 _FREE = 3.0
 #: Accuracy, m, of a cone's outline, and number of neighbouring rays that share one error.
-_NOISE, _SHARED = 0.02, 8.0
+NOISE, SHARED = 0.02, 8.0
 #: Most rays of a view, fewest rays of a frame, and most frames that inform the measures.
 _RAYS, _LEAST, _FRAMES = 80, 40, 24
 #: Rings along a cone between which the surface's distance from it is interpolated, harmonics about
@@ -56,7 +56,7 @@ _COEFFICIENTS = _RINGS * (2 * _HARMONICS - 1) + 2
 #: may lie below it: hulls are thicker than people.
 _SOLE, _BELOW = 0.005, 0.1
 #: Distances, m, at which a ray counts a quarter, from the first step to the last.
-_REACHES = np.geomspace(0.08, 0.03, 7)
+REACHES = np.geomspace(0.08, 0.03, 7)
 #: Frames that a thread works on at a time.
 _TOGETHER = 4
 #: Number of steps of poses whose body is known.
@@ -68,11 +68,13 @@ _DAMPING = 1e-3
 @dataclass(frozen=True, eq=False)
 class Outlines:
     """Rays (K, 3) float32 through the outlines of one frame's silhouettes, of length 1, the camera
-    (K,) uint8 of each, and the centres (V, 3) m of all cameras."""
+    (K,) uint8 of each, and the centres (V, 3) m and the angle (V,) rad of a pixel of all
+    cameras."""
 
     rays: np.ndarray
     views: np.ndarray
     centres: np.ndarray
+    pixels: np.ndarray
 
     def __len__(self) -> int:
         return len(self.rays)
@@ -107,12 +109,14 @@ def find_outlines(rig: CameraRig, pixels: Sequence[Sequence[np.ndarray]]) -> lis
         through = camera.rays(np.concatenate(frames).astype(float))
         through /= np.linalg.norm(through, axis=1)[:, None]
         by_view.append(np.split(through, np.cumsum([len(of) for of in frames])[:-1]))
-    outlines = []
+    outlines, angles = [], 1 / np.array([camera.K[0, 0] for camera in rig])
     for frame in zip(*by_view, strict=True):
         rays, views = np.concatenate(frame), np.repeat(np.arange(len(rig)), [*map(len, frame)])
         finite = np.isfinite(rays).all(1)
         outlines.append(
-            Outlines(rays[finite].astype(np.float32), views[finite].astype(np.uint8), rig.centres)
+            Outlines(
+                rays[finite].astype(np.float32), views[finite].astype(np.uint8), rig.centres, angles
+            )
         )
     return outlines
 
@@ -332,7 +336,7 @@ class PersonalFit:
         measures, covariance = np.zeros(len(self.shape.spread)), np.diag(self.shape.spread**2)
         some, tracked = [outlines[number] for number in chosen], poses[chosen]
         moved = tracked
-        for reach in _REACHES if chosen else ():
+        for reach in REACHES if chosen else ():
             precision = self.shape.spread**-2.0
             matrix, vector = np.diag(precision), precision * measures
             found = self._linearise(_Normal.reduce, measures, moved, tracked, some, reach)
@@ -356,7 +360,7 @@ class PersonalFit:
         fitted = poses.copy()
         for _ in range(_STEPS if some else 0):
             found = self._linearise(
-                _Normal.eliminate, measures, fitted[usable], poses[usable], some, _REACHES[-1],
+                _Normal.eliminate, measures, fitted[usable], poses[usable], some, REACHES[-1],
                 free=False,
             )  # fmt: skip
             fitted[usable] = self._clip(fitted[usable] - np.stack([step for _, step in found]))
@@ -387,8 +391,19 @@ class PersonalFit:
             every = (alone + grown @ covariance @ grown.T).reshape(count, 3, count, 3)
             return np.asarray(every[each, :, each])
 
-        found = self._linearise(leave_open, measures, poses, poses, outlines, _REACHES[-1])
+        found = self._linearise(leave_open, measures, poses, poses, outlines, REACHES[-1])
         return np.array(found).reshape(len(poses), count, 3, 3)
+
+    def length_deviations(self, measures: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+        """Return the standard deviations (E,), m, of the lengths of the body's edges."""
+        pose, edges = self.template.rest_pose[None], np.array(self.template.edges).reshape(-1, 2)
+        moved = self.shape.move_joints(measures, pose)[:, 0]
+        joints = posed_joints(self.shape.body(measures), pose)[0]
+        along = np.diff(joints[edges], axis=1)[:, 0]
+        along /= np.linalg.norm(along, axis=1, keepdims=True)
+        grown = np.sum(np.diff(moved[:, edges], axis=2)[:, :, 0] * along, axis=-1)
+        built = covariance[: self.shape.n_built, : self.shape.n_built]
+        return np.asarray(np.sqrt(np.einsum("me,mn,ne->e", grown, built, grown)))
 
     def _linearise(
         self,
@@ -423,7 +438,7 @@ class PersonalFit:
             here = place_points(cones[block][frame, cone], coordinates)
             bulged = shape.bulges(cone, coordinates)
             gap = gap - bulged @ measures[shape.n_built :]
-            root = np.sqrt(robust_weights(gap, reach / REACH) / _SHARED) / _NOISE
+            root = np.sqrt(robust_weights(gap, reach / REACH) / SHARED) / NOISE
             ends = np.cumsum([len(of) for of in several])
             used = []
             for number, end in zip(block, ends, strict=True):

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from collections.abc import Sequence as Items
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
+from apf.body.surface import paint
 from apf.keypoints.keypoints import Keypoints
 from apf.report import OVERLAY, PAGE
 from apf.report.agreement import (
@@ -23,12 +25,15 @@ from apf.report.summary import SUMMARY, body_facts, read_tracked_grid
 from apf.tracking.people import PeopleTracks
 from apf.tracking.track import Track
 from psfs.common.files import read_text, write_json
+from psfs.common.numbers import pick_evenly
 from psfs.session import Session
 
 #: Files of a track besides summary and page, as the summary lists them.
 FILES = (
     "track.npz", "joints.trc", "joints.csv", "body.toml", "start.txt", "settings.toml", OVERLAY,
 )  # fmt: skip
+#: Most frames whose colours paint a surface.
+_PAINTED = 25
 
 
 def judge_track(
@@ -57,6 +62,23 @@ def judge_track(
     return Quality(track, found, near, known)
 
 
+def paint_surface(quality: Quality) -> Track:
+    """Return the track with the colours of its surface, from the voxels that it was compared with.
+    Without any it stays as it is."""
+    track, agreement = quality.track, quality.agreement
+    if track.surface is None or agreement is None:
+        return track
+    pairs = zip(agreement.rows, agreement.clouds, strict=True)
+    seen = [(row, cloud) for row, cloud in pairs if not track.lost[row] and len(cloud)]
+    seen = [seen[k] for k in pick_evenly(len(seen), _PAINTED)]
+    clouds = [(of.centres, of.colour) for _, of in seen if of.colour is not None]
+    if not clouds or len(clouds) < len(seen):
+        return track
+    poses = track.poses[[row for row, _ in seen]]
+    colours = paint(track.surface, track.its_body, poses, clouds)
+    return replace(track, surface=replace(track.surface, colours=colours))
+
+
 def keep_judged_frames(session: Session) -> None:
     """Have the session keep those frames, as they are carved while the person is tracked, that
     `judge_track` needs of the whole track."""
@@ -76,7 +98,7 @@ def write_report(
     written += [SUMMARY, *([PAGE] if page else [])]
     summary = {
         **facts,
-        "body": body_facts(quality.track.its_body),
+        "body": body_facts(quality.track.its_body, quality.track.surface),
         "quality": quality.facts(),
         "says": quality.lines(),
         "files": written,

@@ -13,6 +13,7 @@ from pydantic import Field
 from apf.body.kinematics import posed_joints
 from apf.body.model import BodyModel, sideless
 from apf.body.stature import stature
+from apf.body.surface import Surface
 from apf.tracking.track import Track
 from cl import InputError
 from psfs.common.files import read_json
@@ -25,22 +26,29 @@ from psfs.voxels.grid import VoxelGrid, check_size
 SUMMARY = "summary.json"
 
 
-def body_facts(body: BodyModel) -> dict[str, Any]:
-    """Return the body's name, the person's height and the lengths between connected joints, m.
+def body_facts(body: BodyModel, surface: Surface | None = None) -> dict[str, Any]:
+    """Return the body's name, the person's height and the lengths between connected joints, m; of a
+    measured person also the standard deviations of these, volume and girths, see `Surface.measure`.
 
     The height is None if only a part of the person is modelled. Left and right, which are equal,
     are listed once.
     """
     joints = posed_joints(body, body.rest_pose[None])[0]
     lengths = {}
-    for a, b in body.edges:
+    deviations = {}
+    for number, (a, b) in enumerate(body.edges):
         first, second = (sideless(body.joint_names[i]).replace("_", " ") for i in (a, b))
         lengths[f"{first} to {second}"] = round(float(np.linalg.norm(joints[a] - joints[b])), 3)
+        if surface is not None:
+            deviations[f"{first} to {second}"] = round(float(surface.lengths[number]), 3)
     try:
         height: float | None = round(stature(body), 3)
     except InputError:
         height = None
-    return {"name": body.name, "height_m": height, "lengths_m": lengths}
+    facts = {"name": body.name, "height_m": height, "lengths_m": lengths}
+    if surface is not None:
+        facts |= {"lengths_deviation_m": deviations, **surface.measure(body)}
+    return facts
 
 
 class _Summary(Table):

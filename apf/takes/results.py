@@ -18,6 +18,7 @@ from apf.report.drawing import write_overlay
 from apf.report.judged import (
     FILES,
     judge_track,
+    paint_surface,
     write_report,
 )
 from apf.report.page import write_page
@@ -179,6 +180,8 @@ def finish_take(job: TrackJob, examination: Examination, take: Take) -> list[Jud
             silhouettes=compared,
         )  # fmt: skip
         quality = replace(quality, seen=job.seen)
+        if (painted := paint_surface(quality)) is not track:
+            painted.save(folder / "track.npz")
         files = write_report(folder, job.title(take.sequence.name), quality, facts, page=compared)
         judgements.append(Judgement(folder, quality, files))
     return judgements

@@ -87,6 +87,7 @@ EXPORTS = {
     "mot": "motion.mot",
     "csv": "angles.csv",
     "glb": "motion.glb",
+    "person": "person.glb",
     "gait": "gait.json",
 }
 #: Written on request alone, into a folder of this name: for OpenSim, a model scaled to the body and

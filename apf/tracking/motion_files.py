@@ -8,6 +8,7 @@ from pathlib import Path
 
 from apf.formats.angles import write_angle_csv
 from apf.formats.c3d import C3dEvent, write_c3d
+from apf.formats.glb import write_glb
 from apf.formats.opensim.tools import write_opensim
 from apf.tracking.config import EXPORTS, OF_POINTS, OPENSIM, OPENSIM_FOLDER, SmoothingConfig
 from apf.tracking.gait import Gait, measure_gait
@@ -73,13 +74,17 @@ def export(
 
 def _write(track: Track, gait: Gait | None, kind: str, path: Path, axes: str) -> tuple[Path, ...]:
     """Write a format and return its files, more than one of a C3D too long for its counts, none of
-    a gait that is none."""
+    a gait that is none and of a person whose surface is not known."""
     if kind == "csv":
         write_angle_csv(path, track.angles, track.points)
     elif kind == "c3d":
         events = gait.events if gait is not None else ()
         labelled = [C3dEvent(_LABELS[e.kind], e.side.capitalize(), e.time) for e in events]
         return write_c3d(path, track.points, labelled)
+    elif kind == "person":
+        if track.surface is None:
+            return ()
+        write_glb(path, track.motion, track.surface)
     elif kind == "gait":
         if gait is None:
             return ()

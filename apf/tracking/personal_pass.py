@@ -15,6 +15,7 @@ from apf.body.kinematics import posed_joints
 from apf.body.limbs import add_ankles
 from apf.body.model import BodyModel
 from apf.initialisation.personal import Outlines, PersonalFit
+from apf.initialisation.surface import fit_surface
 from apf.tracking.track import Track
 from apf.tracking.two_way import SMOOTHED_SECONDS, smooth_poses
 
@@ -22,14 +23,15 @@ from apf.tracking.two_way import SMOOTHED_SECONDS, smooth_poses
 def fit_personal_body(
     tracks: Sequence[Track], template: BodyModel, outlines: Mapping[int, Outlines], fps: float
 ) -> list[Track]:
-    """Return the tracks of a take with the person's own body, measured along the first of them, and
-    poses that fit it to the `outlines` of the frames. Frames in which the person was lost stay as
-    they were. template: the body of the start. fps: frames tracked per second."""
+    """Return the tracks of a take with the person's own body and surface, measured along the first
+    of them, and poses that fit it to the `outlines` of the frames. Frames in which the person was
+    lost stay as they were. template: the body of the start. fps: frames tracked per second."""
     first = tracks[0]
     fit = PersonalFit(add_ankles(template))
-    rows, shown = _find_shown(first, outlines)
-    measures, covariance = fit.measure(shown, _with_ankles(first.poses, fit)[rows])
+    tracked, outlined = _find_shown(first, outlines)
+    measures, covariance = fit.measure(outlined, _with_ankles(first.poses, fit)[tracked])
     body = fit.shape.body(measures)
+    lengths = fit.length_deviations(measures, covariance)
     fitted = []
     for track in tracks:
         rows, shown = _find_shown(track, outlines)
@@ -48,7 +50,8 @@ def fit_personal_body(
                 diagnostics=diagnostics,
             )
         )  # fmt: skip
-    return fitted
+    surface = fit_surface(body, outlined, fitted[0].poses[tracked], lengths) if outlined else None
+    return [replace(track, surface=surface) for track in fitted]
 
 
 def _find_shown(

@@ -16,6 +16,7 @@ from apf.body.kinematics import posed_cones, posed_points
 from apf.body.limbs import limb_angles, limb_bones, limb_ends, limb_joints, limb_masks
 from apf.body.markers import virtual_markers
 from apf.body.model import BodyModel
+from apf.body.surface import Surface
 from apf.body.toml import format_body, load_body, parse_body
 from apf.formats.motion import BodyMotion, interpolate_gaps
 from apf.formats.svg import animate_skeleton
@@ -48,6 +49,16 @@ _FIELDS = {
     "provenance": Values((), "text"),
     "body": Values((), "text", needed=False),
 }
+#: The fields of a track's `Surface`.
+_SURFACE = {
+    "surface_pose": Values(("D",), low=-1e6, high=1e6),
+    "surface_vertices": Values(("M", 3), low=-1e6, high=1e6),
+    "surface_faces": Values(("T", 3), "int", low=0),
+    "surface_deviation": Values(("M",), low=0, high=np.inf),
+    "surface_common": Values((), low=0, high=np.inf),
+    "surface_lengths": Values(("E",), low=0, high=np.inf),
+    "surface_colours": Values(("C", 3), "int", low=0, high=255),
+}
 #: The diagnostics that later stages compute with; only these are checked.
 _DIAGNOSTICS = {
     "lost": Values(("F",), "bool"),
@@ -75,17 +86,18 @@ class Track:
     provenance: JSON text that says how the track was made: sequence (path), device, version, grid
     (origin m, voxel_size m, shape) if voxels were used, method, objective, filter and further
     settings; smoothing and interrupted, if they apply. body: the model that was tracked, in the
-    person's size; None if an older file does not hold it. Raises InputError if shapes disagree.
+    person's size; None if an older file does not hold it. surface: the person's, if the take was
+    tracked with a personal body. Raises InputError if shapes disagree.
 
     A `track.npz` has a key for each field by its name, the body as TOML, `cones` (F, C, 16) of that
     body in the world (see `psfs.common.cones`; NaN where the person or the limb is lost), and
-    `diagnostic_<name>` for each of the diagnostics. ess, beta, best_log_weight (F, n_layers):
-    effective sample size, annealing exponent, and log weight of the best particle at exponent 1.
-    deviation (F, D): standard deviation of the particles, rad or m. misfit (F,): see
-    `apf.likelihood.base`. restart (F,): 0 tracked, 1 found near the last good pose, 2 found by a
-    global search. limb_margin, limb_disagreement (F, L): the inputs of `limb_confidence`; the
-    latter exists if several passes were compared. confidence, lost, present, covariance, standing,
-    limb_confidence: see the properties.
+    `diagnostic_<name>` for each of the diagnostics, `surface_<field>` for each of its fields. ess,
+    beta, best_log_weight (F, n_layers): effective sample size, annealing exponent, and log weight
+    of the best particle at exponent 1. deviation (F, D): standard deviation of the particles, rad
+    or m. misfit (F,): see `apf.likelihood.base`. restart (F,): 0 tracked, 1 found near the last
+    good pose, 2 found by a global search. limb_margin, limb_disagreement (F, L): the inputs of
+    `limb_confidence`; the latter exists if several passes were compared. confidence, lost, present,
+    covariance, standing, limb_confidence: see the properties.
     """
 
     body_name: str
@@ -99,6 +111,7 @@ class Track:
     diagnostics: Mapping[str, np.ndarray] = field(default_factory=dict)
     provenance: str = "{}"
     body: BodyModel | None = None
+    surface: Surface | None = None
 
     def __post_init__(self) -> None:
         set_ = object.__setattr__  # the fields of a frozen dataclass are set this way
@@ -345,6 +358,8 @@ class Track:
         if self.body is not None:
             arrays["body"] = format_body(self.body)
             arrays["cones"] = self.known_cones.astype(np.float32)
+        if self.surface is not None:
+            arrays |= {name: getattr(self.surface, name[8:]) for name in _SURFACE}
         arrays |= {_DIAGNOSTIC + name: values for name, values in self.diagnostics.items()}
         with write_atomically(path) as temporary:
             np.savez_compressed(temporary, **arrays)
@@ -382,7 +397,8 @@ class Track:
         if runs and not (path / "track.npz").exists():
             raise InputError(f"{path}: {len(runs)} runs; expected one, as {min(runs).parent}")
         path = path / "track.npz" if path.is_dir() else path
-        schema = _FIELDS | {
+        optional = _FIELDS | {k: replace(of, needed=False) for k, of in _SURFACE.items()}
+        schema = optional | {
             _DIAGNOSTIC + name: replace(values, needed=False)
             for name, values in _DIAGNOSTICS.items()
         }
@@ -394,6 +410,8 @@ class Track:
         }
         fields = {key: data[key] for key in _FIELDS if key != "body"}
         fields |= {key: get_scalar(data[key]) for key in ("body_name", "provenance", "fps")}
+        if all(name in data for name in _SURFACE):
+            fields["surface"] = Surface(**{name[8:]: data[name] for name in _SURFACE})
         beside = path.with_name("body.toml")
         if "body" in data:
             fields["body"] = parse_body(get_scalar(data["body"]), path)

@@ -9,7 +9,6 @@ import numpy as np
 import scipy
 
 from cl import Device, InputError, NumpyDevice
-from cl.errors import pip_command
 from psfs.backend import AnyReconstructor, make_reconstructor
 from psfs.common.colours import CLAY
 from psfs.common.files import write_atomically
@@ -51,12 +50,11 @@ def extract_surface(
     """
     solid = _clean(np.asarray(probability, np.float32), threshold, debris)
     # A layer of zeros closes the mesh; voxel centres lie half a voxel from the corner.
-    vertices, faces, _, _ = _marching_cubes()(
-        np.pad(solid, 1), threshold, gradient_direction="ascent"
-    )
-    vertices = grid.origin + (vertices.astype(np.float64) - 0.5) * grid.voxel_size
-    import trimesh  # takes a while to load
+    import trimesh  # takes a while to load, and so does this:
+    from skimage.measure import marching_cubes
 
+    vertices, faces, _, _ = marching_cubes(np.pad(solid, 1), threshold, gradient_direction="ascent")
+    vertices = grid.origin + (vertices.astype(np.float64) - 0.5) * grid.voxel_size
     mesh = trimesh.Trimesh(vertices, faces, process=False)
     if smoothing:
         trimesh.smoothing.filter_taubin(mesh, _LAMBDA, _MU, smoothing)
@@ -78,18 +76,6 @@ def _clean(probability: np.ndarray, threshold: float, debris: float) -> np.ndarr
     return cleaned
 
 
-def _marching_cubes() -> Any:
-    """Return scikit-image's function. Raises InputError where it is not installed."""
-    try:
-        from skimage.measure import marching_cubes
-    except ModuleNotFoundError:
-        raise InputError(
-            "surfaces are made by scikit-image, which is not installed; expected: "
-            f"{pip_command('mesh')}"
-        ) from None
-    return marching_cubes
-
-
 class Mesher:
     """Makes the mesh of a frame of a finished run: `mesher(index)`.
 
@@ -109,7 +95,6 @@ class Mesher:
         self.device, self.run, self.sequence, self.smoothing = device, run, sequence, smoothing
         self._config = run.config
         self._reconstructor: Reconstructor | None = None
-        _marching_cubes()  # which complains before anything is computed
 
     def __call__(self, index: int) -> trimesh.Trimesh:
         """Return the mesh of a frame. Raises InputError if its cloud is empty."""
@@ -209,10 +194,10 @@ def make_glb(mesh: trimesh.Trimesh) -> bytes:
     turned = mesh.copy()
     turned.apply_transform(Y_UP)
     colours = vertex_colours(mesh)
-    base = _to_linear(np.array(CLAY))
+    base = to_linear(np.array(CLAY))
     if colours is not None:
         base = np.ones(3)
-        linear = np.rint(255 * _to_linear(colours / 255)).astype(np.uint8)
+        linear = np.rint(255 * to_linear(colours / 255)).astype(np.uint8)
         _paint(turned, linear)
 
     def matte(tree: dict[str, Any]) -> None:
@@ -238,6 +223,6 @@ def _paint(mesh: trimesh.Trimesh, colours: np.ndarray) -> None:
     visual.vertex_colors = colours
 
 
-def _to_linear(srgb: np.ndarray) -> np.ndarray:
+def to_linear(srgb: np.ndarray) -> np.ndarray:
     """Convert sRGB values 0..1 to linear light (IEC 61966-2-1)."""
     return np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)

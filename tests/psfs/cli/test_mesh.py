@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -75,15 +74,3 @@ def test_the_dinosaur_is_watertight_and_fills_its_silhouettes(tmp_path: Path) ->
     assert report["frames"]["0"]["watertight"] and report["mean_iou"] >= 0.95
     mesh = trimesh.load(tmp_path / "meshes" / "frame_000000.ply")
     assert isinstance(mesh, trimesh.Trimesh) and mesh.is_watertight
-
-
-def test_without_scikit_image_the_extra_is_named(
-    out: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setitem(sys.modules, "skimage.measure", None)
-    monkeypatch.setitem(sys.modules, "skimage", None)
-    before = set(out.rglob("*"))
-    assert main(["mesh", str(out)]) == 2
-    error = capsys.readouterr().err
-    assert "scikit-image" in error and "[mesh]'" in error and error.count("\n") == 1
-    assert set(out.rglob("*")) == before

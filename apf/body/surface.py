@@ -1,0 +1,137 @@
+"""A person's surface: a mesh that the bones of the body move, with its colours and its measures."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import scipy
+
+from apf.body.kinematics import posed_cones
+from apf.body.mesh import BodyMesh, skinned_mesh
+from apf.body.model import BodyModel
+from cl import InputError
+from psfs.common.cones import cone_distances
+
+#: Distance, m, over which one bone takes over from another; smaller shares than LEAST are none.
+BLEND, _LEAST = 0.02, 0.02
+#: Distance, m, over which the surface's errors are alike.
+ALIKE = 0.02
+
+
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """The surface of a person whose body is in `pose` (D,).
+
+    vertices: (M, 3) m in the world. faces: (T, 3) int, counter-clockwise seen from outside.
+    deviation: (M,) m, standard deviation along the normals. common: standard deviation, m, of an
+    error that is the same everywhere. lengths: (E,) m, standard deviations of the lengths of the
+    body's edges. colours: (M, 3) uint8 RGB; empty where there are no pictures.
+    """
+
+    pose: np.ndarray
+    vertices: np.ndarray
+    faces: np.ndarray
+    deviation: np.ndarray
+    common: np.ndarray
+    lengths: np.ndarray
+    colours: np.ndarray
+
+    def __post_init__(self) -> None:
+        if self.faces.size and self.faces.max() >= len(self.vertices):
+            raise InputError(
+                f"a surface's faces name vertex {self.faces.max()}; found {len(self.vertices)}"
+            )
+
+    def bind(self, body: BodyModel) -> BodyMesh:
+        """Return the mesh that the bones of `body` move."""
+        weights = blend_bones(self.vertices, body, self.pose)
+        return skinned_mesh(self.vertices, self.faces, weights, body, self.pose)
+
+    def measure(self, body: BodyModel) -> dict[str, Any]:
+        """Return the volume, litres, and the girths of the body's parts at their middles, m, as a
+        tape finds them: each a list of value and standard deviation."""
+        mesh = _make_mesh(self.vertices, self.faces)
+        thirds = np.repeat(mesh.area_faces / 3, 3)
+        area = np.bincount(self.faces.ravel(), thirds, len(self.vertices))
+        # errors are alike within a disc of this area about each vertex
+        variance = 4 * np.pi * ALIKE**2 * np.sum(area * self.deviation**2)
+        error = float(np.sqrt(variance + (mesh.area * self.common) ** 2))
+        girths = {}
+        owner = blend_bones(self.vertices, body, self.pose).argmax(1)
+        cones = posed_cones(body, self.pose[None])[0]
+        for part, cone in zip(body.cones, cones, strict=True):
+            middle, axis = (cone[0:3] + cone[4:7]) / 2, cone[4:7] - cone[0:3]
+            axis = axis / np.linalg.norm(axis)
+            lines, on = _cut(mesh, axis, middle)
+            lines = lines[(owner[self.faces[on]] == part.bone).all(1)].reshape(-1, 3)
+            if len(lines) < 6:
+                continue
+            across = np.linalg.svd(axis[None])[2][1:]
+            hull = scipy.spatial.ConvexHull((lines - middle) @ across.T)
+            round_it = self.deviation[np.unique(self.faces[on])].mean()
+            alone = np.sqrt(min(1.0, 2 * np.sqrt(np.pi) * ALIKE / hull.area)) * round_it
+            girths[part.name] = _with_error(hull.area, 2 * np.pi * np.hypot(alone, self.common), 3)
+        return {"volume_l": _with_error(1e3 * mesh.volume, 1e3 * error, 2), "girths_m": girths}
+
+
+def blend_bones(points: np.ndarray, body: BodyModel, pose: np.ndarray) -> np.ndarray:
+    """Return by how much each bone moves points (N, 3) near `body` in `pose` (D,): shares (N, B),
+    which pass from one cone's bone to the next within `BLEND`."""
+    distances = cone_distances(points, posed_cones(body, pose[None])[0])
+    near = np.exp(-(distances - distances.min(1, keepdims=True)) / BLEND)
+    shares = near @ np.eye(len(body.bones))[[cone.bone for cone in body.cones]]
+    shares /= shares.sum(1, keepdims=True)
+    shares[shares < _LEAST] = 0
+    return np.asarray(shares / shares.sum(1, keepdims=True))
+
+
+def choose_spread_pose(body: BodyModel, poses: np.ndarray) -> np.ndarray:
+    """Return that of the poses (N, D) in which parts that do not hang together are farthest apart,
+    so that no surface joins them."""
+    cones = posed_cones(body, poses)
+    middles, radii = (cones[..., 0:3] + cones[..., 4:7]) / 2, (cones[..., 3] + cones[..., 7]) / 2
+    gaps = np.linalg.norm(middles[:, :, None] - middles[:, None], axis=-1)
+    gaps = gaps - radii[:, :, None] - radii[:, None]
+    return np.asarray(poses[np.minimum(gaps, 2 * radii.mean()).mean((1, 2)).argmax()])
+
+
+def paint(
+    surface: Surface,
+    body: BodyModel,
+    poses: np.ndarray,
+    clouds: Sequence[tuple[np.ndarray, np.ndarray]],
+) -> np.ndarray:
+    """Return the colours (M, 3) uint8 of a surface: for each vertex the median, over some frames,
+    of the nearest coloured points. poses: (N, D). clouds: points (K, 3), m, and their colours (K,
+    3) uint8, of each frame."""
+    vertices, _ = surface.bind(body).posed(body, poses)
+    seen = [
+        colours[scipy.spatial.cKDTree(points).query(posed)[1]]
+        for posed, (points, colours) in zip(vertices, clouds, strict=True)
+    ]
+    return np.median(seen, axis=0).astype(np.uint8)
+
+
+def normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """Return (M, 3) float32 unit normals of the vertices of a surface."""
+    return np.asarray(_make_mesh(vertices, faces).vertex_normals, np.float32)
+
+
+def _make_mesh(vertices: np.ndarray, faces: np.ndarray) -> Any:
+    import trimesh  # slow to import
+
+    return trimesh.Trimesh(vertices, faces, process=False)
+
+
+def _cut(mesh: Any, normal: np.ndarray, origin: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the lines (K, 2, 3) in which a plane cuts a mesh, and their faces (K,)."""
+    import trimesh
+
+    return trimesh.intersections.mesh_plane(mesh, normal, origin, return_faces=True)
+
+
+def _with_error(value: float, error: float, digits: int) -> list[float]:
+    return [round(float(value), digits), round(float(error), digits)]

@@ -1,0 +1,90 @@
+"""Fit a person's surface to the outlines of many frames.
+
+It begins as the common surface of the body's cones. Every ray through an outline touches the body;
+its distance from the nearest cone, carried back into one pose, says how far the surface lies from
+the cones there. A vertex moves along its normal by the mean of the rays around it, as a Gaussian
+process with short correlation would: where no ray touches, it stays.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import scipy
+
+from apf.body.kinematics import posed_cones
+from apf.body.model import BodyModel
+from apf.body.surface import ALIKE, Surface, choose_spread_pose, normals
+from apf.initialisation.personal import NOISE, REACHES, SHARED, Outlines, nearest_outline
+from apf.initialisation.shape_model import place_points
+from psfs.common.cones import cone_distances
+from psfs.common.least_squares import REACH, robust_weights
+from psfs.common.numbers import pick_evenly
+from psfs.mesh.marching_cubes import extract_surface
+from psfs.voxels.grid import VoxelGrid
+
+#: Edge of the voxels, m, that the cones' common surface is extracted from.
+_STEP = 0.01
+#: Standard deviation, m, of the surface's distance from the cones: clothes and hair.
+_SPREAD = 0.03
+#: Most frames that inform the surface; steps of its robust mean.
+_FRAMES, _STEPS = 64, 4
+
+
+def fit_surface(
+    body: BodyModel, outlines: Sequence[Outlines], poses: np.ndarray, lengths: np.ndarray
+) -> Surface:
+    """Return the surface of the person who has poses (N, D) in frames with these `outlines`.
+    lengths: (E,) m, see `Surface`."""
+    some = pick_evenly(len(outlines), _FRAMES)
+    several, poses = [outlines[k] for k in some], poses[some]
+    pose = choose_spread_pose(body, poses)
+    vertices, faces = join_cones(body, pose)
+    cones = posed_cones(body, poses)
+    frame, cone, coordinates, _, gap = nearest_outline(several, cones)
+    # The outline's pixels lie inside the silhouette, half a pixel from its edge.
+    here = place_points(cones[frame, cone], coordinates)
+    views = np.concatenate([of.views for of in several])
+    away = np.linalg.norm(here - several[0].centres[views], axis=1)
+    pixel = away * several[0].pixels[views]
+    gap = gap + pixel / 2
+    near = np.abs(gap) < REACHES[0]
+    points, gap = place_points(posed_cones(body, pose[None])[0, cone], coordinates)[near], gap[near]
+    rays, surface = scipy.spatial.cKDTree(points), scipy.spatial.cKDTree(vertices)
+    shares = surface.sparse_distance_matrix(rays, 3 * ALIKE, output_type="coo_matrix").tocsr()
+    shares.data = np.exp(-0.5 * (shares.data / ALIKE) ** 2)
+    vertex, moved = surface.query(points)[1], np.zeros(len(vertices))
+    precision = np.full(len(vertices), _SPREAD**-2.0)
+    for _ in range(_STEPS):
+        weights = robust_weights(gap - moved[vertex], REACHES[-1] / REACH) / (SHARED * NOISE**2)
+        precision = shares @ weights + _SPREAD**-2.0
+        moved = shares @ (weights * gap) / precision
+    edge = np.median(pixel) / np.sqrt(12)  # of an edge that may lie anywhere in its pixel
+    return Surface(
+        pose=pose,
+        vertices=vertices + moved[:, None] * normals(vertices, faces),
+        faces=faces,
+        deviation=precision**-0.5,
+        common=np.array(edge),
+        lengths=lengths,
+        colours=np.zeros((0, 3), np.uint8),
+    )
+
+
+def join_cones(body: BodyModel, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return vertices (M, 3) m and faces (T, 3) of the common surface of the cones of `body` in
+    `pose` (D,), which is rounded where they meet."""
+    cones = posed_cones(body, pose[None])[0]
+    reach = np.concatenate([cones[:, [3]], cones[:, [7]]]) + 3 * _STEP
+    reach = reach / np.linalg.norm(cones[:, 8:11], axis=1).min()
+    ends = np.concatenate([cones[:, 0:3], cones[:, 4:7]])
+    low, high = (ends - reach).min(0), (ends + reach).max(0)
+    nx, ny, nz = np.ceil((high - low) / _STEP).astype(int)
+    grid = VoxelGrid(low, _STEP, (int(nx), int(ny), int(nz)))
+    inside = np.empty(nx * ny * nz, np.float32)
+    for part in np.array_split(np.arange(len(inside)), nx):
+        gaps = cone_distances(grid.centres(part), cones) / _STEP
+        inside[part] = scipy.special.logsumexp(-gaps, axis=1)
+    mesh = extract_surface(inside.reshape(grid.shape), grid, threshold=0.0, debris=0.0)
+    return np.asarray(mesh.vertices), np.asarray(mesh.faces)

@@ -1,0 +1,89 @@
+"""A person's surface: found from outlines, moved by the bones, written, painted, measured."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pygltflib
+import pytest
+from helpers import bodies
+from helpers.gltf import gltf_nodes, gltf_values
+from helpers.outlines import outlines_of
+from helpers.striders import strider
+
+from apf.body.kinematics import posed_cones
+from apf.body.surface import Surface, paint
+from apf.formats.skeleton import TO_Y_UP
+from apf.initialisation.surface import fit_surface, join_cones
+from apf.tracking.motion_files import export
+from apf.tracking.track import Track
+from psfs.common.cones import cone_distances
+
+BODY = strider(1).its_body
+LENGTHS = np.full(len(BODY.edges), 0.01)
+
+
+@pytest.fixture(scope="module")
+def found() -> tuple[np.ndarray, Surface]:
+    """Poses of a person who is wider than the body, and the surface from the outlines."""
+    wide = BODY.scaled({}, 1.15)
+    poses = bodies.random_poses(BODY, 8)
+    poses[:, :3] = BODY.rest_pose[:3]
+    outlines = [outlines_of(cones) for cones in posed_cones(wide, poses)]
+    return poses, fit_surface(BODY, outlines, poses, LENGTHS)
+
+
+def test_surface_lies_where_the_outlines_touch(found: tuple[np.ndarray, Surface]) -> None:
+    _, surface = found
+    wide = posed_cones(BODY.scaled({}, 1.15), surface.pose[None])[0]
+    before = cone_distances(join_cones(BODY, surface.pose)[0], wide).min(1)
+    after = cone_distances(surface.vertices, wide).min(1)
+    assert np.abs(after).mean() < 0.75 * np.abs(before).mean()
+    assert np.all(surface.deviation <= 0.03 + 1e-9)
+
+
+def test_measures_have_errors(found: tuple[np.ndarray, Surface]) -> None:
+    _, surface = found
+    measures = surface.measure(BODY)
+    volume, error = measures["volume_l"]
+    assert 40 < volume < 150 and 0 < error < 0.2 * volume
+    girth, deviation = measures["girths_m"]["l_thigh"]
+    assert 0.3 < girth < 0.9 and 0 < deviation < 0.1
+
+
+def test_vertices_take_the_nearest_colours(found: tuple[np.ndarray, Surface]) -> None:
+    poses, surface = found
+    posed = surface.bind(BODY).posed(BODY, poses[:3])[0]
+    red = np.tile(np.array([200, 10, 10], np.uint8), (len(posed[0]), 1))
+    red[posed[0][:, 2] < 1] = 0
+    colours = paint(surface, BODY, poses[:3], [(of, red) for of in posed])
+    np.testing.assert_array_equal(colours, red)
+
+
+def test_glb_moves_the_surface(tmp_path: Path, found: tuple[np.ndarray, Surface]) -> None:
+    colours = np.full((len(found[1].vertices), 3), 128, np.uint8)
+    track = replace(strider(12), surface=replace(found[1], colours=colours))
+    track.save(tmp_path / "track.npz")
+    track = Track.open(tmp_path)
+    (path,) = export(track, tmp_path, ["person"], raw=True).files
+    file = pygltflib.GLTF2().load(path)
+    attributes = file.meshes[0].primitives[0].attributes
+    points, owners, weights, shown = (
+        gltf_values(file, getattr(attributes, kind))
+        for kind in ("POSITION", "JOINTS_0", "WEIGHTS_0", "COLOR_0")
+    )
+    np.testing.assert_allclose(shown, 0.2158, atol=1e-3)  # half of sRGB's range, linear
+    np.testing.assert_allclose(weights.sum(1), 1, atol=1e-6)
+    unbind = gltf_values(file, file.skins[0].inverseBindMatrices).reshape(-1, 4, 4)
+    bound = gltf_nodes(file, 7)[file.skins[0].joints] @ unbind.transpose(0, 2, 1)
+    ones = np.column_stack([points, np.ones(len(points))])
+    skin = np.einsum("vk,vkab,vb->va", weights, bound[owners], ones)[:, :3] @ TO_Y_UP
+    assert track.surface is not None
+    posed = track.surface.bind(BODY).posed(BODY, track.poses[[7]])[0][0]
+    np.testing.assert_allclose(skin, posed, atol=1e-4)
+
+
+def test_no_surface_no_file(tmp_path: Path) -> None:
+    assert export(strider(12), tmp_path, ["person"]).files == ()
