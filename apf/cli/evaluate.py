@@ -177,7 +177,7 @@ def print_evaluation(evaluation: Evaluation) -> None:
     columns = "mean", "median", "max", "constant", "rest", "in 95 %"
     table = _make_table("Distance to the truth, mm", ("joint",), columns)
     keys = ("mean_mm", "median_mm", "max_mm", "constant_mm", "rest_mm")
-    for row in summary["joints"]:
+    for row in (*summary["joints"], *summary["toes"]):
         figures = [_number(row[key]) for key in keys]
         table.add_row(row["joint"], *figures, _share(row["inside_95"]))
     table.add_section()
@@ -191,6 +191,7 @@ def print_evaluation(evaluation: Evaluation) -> None:
         "constant: median offset in the body's own frame (the joint sits elsewhere in the body); "
         "rest: the mean error without it; in 95 %: share of frames in which the truth lies inside "
         "the ellipsoid that the track states for 95 %",
+        *["toes: their tips, which the row of all leaves out"] * bool(summary["toes"]),
         f"lost joints (beyond {1000 * LOST_JOINT:.0f} mm): {summary['lost_joint_share']:.1%}",
         f"lost limbs (end beyond {1000 * LOST_LIMB:.0f} mm for more than {LOST_FRAMES} frames "
         f"or at the end): {', '.join(summary['lost_limbs']) or 'none'}",

@@ -12,7 +12,7 @@ import numpy as np
 
 from apf.body.limbs import LIMB_ENDS, limb_joints, limb_names
 from apf.evaluation.angle_truth import AngleError, summarise_angles
-from apf.evaluation.joint_names import EVALUATED_JOINTS, evaluated_joints, match_joints
+from apf.evaluation.joint_names import EVALUATED_JOINTS, TOES, evaluated_joints, match_joints
 from apf.formats.joint_csv import write_columns
 from apf.formats.trc import JointSeries
 from apf.tracking.track import Track
@@ -62,7 +62,7 @@ class Evaluation:
     truth. warnings: for the reader of the figures. predicted_lost_fraction: share of the frames in
     which the track reports a limb as lost, by name; flagged: (F, J) bool, joints of such limbs in
     these frames; they count like all others. angles: errors of the joint angles, if the truth has
-    rotations.
+    rotations. toes: of their tips, if both have them.
     """
 
     joint_names: tuple[str, ...]
@@ -79,6 +79,7 @@ class Evaluation:
     predicted_lost_fraction: dict[str, float] = field(default_factory=dict)
     flagged: np.ndarray = field(default_factory=lambda: np.zeros((0, 0), bool))
     angles: tuple[AngleError, ...] = ()
+    toes: Evaluation | None = None
 
     @cached_property
     def errors(self) -> np.ndarray:
@@ -200,6 +201,7 @@ class Evaluation:
             },
             "warnings": list(self.warnings),
             "joints": self.joint_table(),
+            "toes": self.toes.joint_table() if self.toes is not None else [],
             **summarise_angles(self.angles),
         }
 
@@ -238,9 +240,28 @@ def evaluate(track: Track | JointSeries, truth: JointSeries) -> Evaluation:
     kept = found.joint_names
     return replace(
         found,
+        toes=_evaluate_toes(track, truth, (frames, rows, true_rows), axes),
         unmatched_track=tuple(our_unused + [name for name in our_names if name not in kept]),
         unmatched_truth=tuple(true_unused + [name for name in true_names if name not in kept]),
     )
+
+
+def _evaluate_toes(
+    track: Track | JointSeries,
+    truth: JointSeries,
+    common: tuple[np.ndarray, np.ndarray, np.ndarray],
+    axes: np.ndarray,
+) -> Evaluation | None:
+    """Return the evaluation of the toes' tips where track and truth have them, else None. common,
+    axes: see `common_frames` and `evaluate_points`."""
+    points, (frames, rows, true_rows) = track.points if isinstance(track, Track) else track, common
+    ours, true = (match_joints(of.joint_names, TOES) for of in (points, truth))
+    names = tuple(name for name in TOES if name in ours and name in true)
+    offsets = points.joints[rows][:, [ours[name] for name in names]]
+    offsets = offsets - truth.joints[true_rows][:, [true[name] for name in names]]
+    if not np.isfinite(offsets).all(-1).any():
+        return None
+    return evaluate_points(track, truth, (frames, rows), names, offsets, axes)
 
 
 def common_frames(

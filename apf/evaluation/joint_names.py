@@ -13,6 +13,8 @@ EVALUATED_JOINTS = (
     "l_shoulder", "l_elbow", "l_wrist", "r_shoulder", "r_elbow", "r_wrist",
     "l_hip", "l_knee", "l_ankle", "r_hip", "r_knee", "r_ankle",
 )  # fmt: skip
+#: Points that it compares beside them, which no mean contains: the tips of the toes.
+TOES = ("l_toe", "r_toe")
 
 #: Names per joint, best first, in lower case and without separators. Pose2Sim, OpenPose and
 #: MediaPipe use plain English names; BVH files name the bone that starts at the joint.
@@ -29,6 +31,7 @@ _SIDED = {
     "hip": ("hip", "upleg", "upperleg", "thigh"),
     "knee": ("knee", "leg", "lowerleg", "lowleg", "calf", "shin"),
     "ankle": ("ankle", "foot"),
+    "toe": ("toetip", "bigtoe", "toe"),
 }
 
 
@@ -47,12 +50,11 @@ def _aliases() -> dict[str, tuple[str, ...]]:
 ALIASES = _aliases()
 
 
-def match_joints(names: Sequence[str]) -> dict[str, int]:
-    """Return the index in `names` of each of EVALUATED_JOINTS that is there under any of its
-    names."""
+def match_joints(names: Sequence[str], joints: Sequence[str] = EVALUATED_JOINTS) -> dict[str, int]:
+    """Return the index in `names` of each of `joints` that is there under any of its names."""
     plain = [re.sub(r"[^a-z0-9]", "", name.split(":")[-1].lower()) for name in names]
     found = {}
-    for joint in EVALUATED_JOINTS:
+    for joint in joints:
         index = next((plain.index(alias) for alias in ALIASES[joint] if alias in plain), None)
         if index is not None:
             found[joint] = index
@@ -71,7 +73,8 @@ def evaluated_joints(
     out = np.full((len(joints), len(EVALUATED_JOINTS), 3), np.nan)
     for joint, index in found.items():
         out[:, EVALUATED_JOINTS.index(joint)] = joints[:, index]
-    unused = [name for index, name in enumerate(names) if index not in found.values()]
+    used = {*found.values(), *match_joints(names, TOES).values()}
+    unused = [name for index, name in enumerate(names) if index not in used]
     present = set(found)
     if "pelvis" not in found and {"l_hip", "r_hip"} <= present:
         hips = joints[:, [found["l_hip"], found["r_hip"]]]

@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 import pytest
 from helpers import tracks
+from helpers.striders import strider
 
 from apf.cli import main
 from apf.evaluation.evaluate import evaluate
@@ -201,3 +202,16 @@ def test_the_stated_ellipsoids_are_judged() -> None:
     assert shares.pop("l_wrist") == 0.0
     assert np.mean(list(shares.values())) == pytest.approx(0.95, abs=0.03)
     assert np.isnan(found.inside[7]).all() and np.isfinite(found.inside[8]).all()
+
+
+def test_toes_are_compared_beside_the_mean() -> None:
+    track = strider(20)
+    points = track.points
+    names = tuple(name.replace("l_toe", "l_toe_tip") for name in points.joint_names)
+    joints = points.joints + np.array([0, 0, 0.01])
+    found = evaluate(track, JointSeries(names, joints, track.fps, track.frames))
+    assert found.toes is not None and found.toes.joint_names == ("l_toe", "r_toe")
+    np.testing.assert_allclose(found.toes.errors, 0.01)
+    assert not {"l_toe", "r_toe", "l_toe_tip"} & {*found.joint_names, *found.unmatched_truth}
+    assert [row["joint"] for row in found.summary()["toes"]] == ["l_toe", "r_toe"]
+    assert evaluate(track, track.series).toes is None
