@@ -144,11 +144,10 @@ def median_moments(frames: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     mean, spread = np.empty(frames.shape[1:], np.uint8), np.empty(frames.shape[1:], np.uint8)
     rows = max(1, _BAND_BYTES // frames[:, 0].size)
     for top in range(0, height, rows):
-        band = frames[:, top : top + rows].copy()
-        middle = sort_stack(band)[count // 2].copy()
-        mean[top : top + rows] = middle
+        band = np.ascontiguousarray(frames[:, top : top + rows])
+        mean[top : top + rows] = middle = select_rank(band, count // 2)
         deviation = np.maximum(band, middle) - np.minimum(band, middle)
-        spread[top : top + rows] = sort_stack(deviation)[count // 2]
+        spread[top : top + rows] = select_rank(deviation, count // 2)
     std = with_prior((1.4826 * spread.astype(np.float32)) ** 2, count)
     return mean.astype(np.float32), std.astype(np.float32)
 
@@ -171,45 +170,40 @@ def masked_moments(
         free = len(frames) - np.count_nonzero(covered[:, part], axis=0)
         left_out = covered[:, part] & (free >= _LEAST_FREE)
         number = np.where(free >= _LEAST_FREE, free, len(frames))[:, None]
-        middle = _upper_median(np.where(left_out[..., None], np.uint8(255), shown), number)
+        middle = select_rank(np.where(left_out[..., None], np.uint8(255), shown), number // 2)
         deviation = np.maximum(shown, middle) - np.minimum(shown, middle)
         deviation[left_out] = 255
-        spread = _upper_median(deviation, number).astype(np.float32)
+        spread = select_rank(deviation, number // 2).astype(np.float32)
         median[part], std[part] = middle, with_prior((1.4826 * spread) ** 2, number)
         count[part] = free * (free >= _LEAST_FREE)
     return median, std, count
 
 
-def _upper_median(values: np.ndarray, number: np.ndarray) -> np.ndarray:
-    """Return the upper median (p, c) of the `number` (p, 1) lowest of values (n, p, c), which are
-    sorted in place."""
-    ordered = sort_stack(values)
-    middle = np.broadcast_to(number // 2, values.shape[1:])[None]
-    return np.take_along_axis(ordered, middle, axis=0)[0]
-
-
 def stack_median(stack: np.ndarray) -> np.ndarray:
-    """Return the median (...) float64 along the first axis of (n, ...), like np.median."""
+    """Return the median (...) float64 along the first axis of (n, ...) uint8, like np.median."""
     count, flat = len(stack), stack.reshape(len(stack), -1)
-    middle, band = np.empty(flat.shape[1]), max(1, _BAND_BYTES // (count * stack.itemsize))
+    middle, band = np.empty(flat.shape[1]), max(1, _BAND_BYTES // count)
     for first in range(0, flat.shape[1], band):
-        ordered = sort_stack(flat[:, first : first + band].copy())
-        both = ordered[(count - 1) // 2].astype(float) + ordered[count // 2]
-        middle[first : first + band] = 0.5 * both
+        part = np.ascontiguousarray(flat[:, first : first + band])
+        low = select_rank(part, (count - 1) // 2)
+        high = low if count % 2 else select_rank(part, count // 2)
+        middle[first : first + band] = 0.5 * (low.astype(float) + high)
     return middle.reshape(stack.shape[1:])
 
 
-def sort_stack(stack: np.ndarray) -> np.ndarray:
-    """Sort along the first axis, in place, by odd-even transposition of whole rows: eight times as
-    fast as np.sort or np.partition along the first axis.
-    """
-    count = len(stack)
-    for step in range(count):
-        low, high = stack[step % 2 : count - 1 : 2], stack[step % 2 + 1 :: 2]
-        smaller = np.minimum(low, high)
-        np.maximum(low, high, out=high)
-        low[...] = smaller
-    return stack
+def select_rank(stack: np.ndarray, rank: np.ndarray | int) -> np.ndarray:
+    """Return the value (...) of a `rank`, from 0, along the first axis of (n, ...) uint8, bit by
+    bit from the highest: several times as fast as np.partition along the first axis."""
+    found, most = np.zeros(stack.shape[1:], np.uint8), np.uint8 if len(stack) < 256 else np.int32
+    less, count = np.empty(found.shape, bool), np.empty(found.shape, most)
+    for bit in (128, 64, 32, 16, 8, 4, 2, 1):
+        tried = found | np.uint8(bit)
+        count[...] = 0
+        for values in stack:
+            np.less(values, tried, out=less)
+            np.add(count, less.view(np.uint8), out=count)
+        found |= (count <= rank).view(np.uint8) * np.uint8(bit)
+    return found
 
 
 def with_prior(variance: np.ndarray, count: np.ndarray | int) -> np.ndarray:

@@ -114,6 +114,14 @@ def light_field(light: np.ndarray, row: np.ndarray, column: np.ndarray) -> np.nd
     return field.astype(np.float32)
 
 
+def scale_light(light: np.ndarray, factor: float) -> np.ndarray:
+    """Return the lights (..., LIGHT_FLOATS) of pictures that are scaled by `factor`."""
+    scaled, beside = light.copy(), 0.5 / factor - 0.5  # between the middles of the first pixels
+    scaled[..., 6] += beside * (light[..., 7] + light[..., 8])
+    scaled[..., 7:9] /= factor
+    return scaled
+
+
 def relight_picture(
     image: np.ndarray, light: np.ndarray, chosen: np.ndarray | None = None
 ) -> np.ndarray:

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 
 from psfs.background.config import BackgroundConfig
-from psfs.background.gaussian import Moments, masked_moments, sort_stack
+from psfs.background.gaussian import Moments, masked_moments, select_rank
 from psfs.common.colours import N_BINS, colour_bins
 
 #: Least change of a pixel over a take that is motion, grey levels: more than shades of a shadow and
@@ -29,9 +29,9 @@ def find_moving_region(frames: np.ndarray) -> np.ndarray:
     """Return (h, w) bool: the pixels where frames (n, h, w, 3) uint8 of a static camera change,
     with holes filled. A person who moves a little at times is inside the region."""
     smooth = np.stack([cv2.GaussianBlur(frame, (0, 0), 1.0) for frame in frames])
-    ordered = sort_stack(smooth)
     outliers = 1 if len(frames) > 3 else 0  # at either end
-    change = (ordered[-1 - outliers] - ordered[outliers]).max(-1).astype(np.float32)
+    high, low = (select_rank(smooth, k) for k in (len(frames) - 1 - outliers, outliers))
+    change = (high - low).max(-1).astype(np.float32)
     changes = (change > max(_MOTION, 3 * float(np.median(change)))).view(np.uint8)
     return close_region(changes)
 

@@ -29,10 +29,11 @@ from psfs.background.gaussian import (
     Moments,
     masked_moments,
     median_moments,
+    select_rank,
     stack_views,
     view_moments,
 )
-from psfs.background.light import GRID, fit_light, light_field, relight_picture
+from psfs.background.light import GRID, fit_light, light_field, relight_picture, scale_light
 from psfs.background.pixel_densities import (
     PixelDensities,
     close_region,
@@ -46,7 +47,8 @@ from psfs.footage.media import Media
 
 #: Height of the floor, m.
 _FLOOR = 0.0
-#: Longest side of the small pictures in which people are searched, px.
+#: Longest side of the small pictures in which people are searched, px; half as long where a film
+#: of the empty scene shows what is behind them.
 _LONGEST_SIDE = 320
 #: Greatest size of the frames of all views that are in memory at a time, bytes, with as many more
 #: frames as the moments of a film are large.
@@ -96,7 +98,7 @@ def estimate_background_from_take(
     pictures, see `find_covered`. The background behind a person who covers it in nearly all frames
     is unknown; it is extrapolated from around, or its density is lower than the foreground's.
     """
-    factor = rig.factor_within(_LONGEST_SIDE)
+    factor = rig.factor_within(_LONGEST_SIDE // (2 if films else 1))
     numbers = pick_evenly(min(item.count for item in media), SAMPLES).tolist()
     n_bytes = 3 * (len(numbers) + _OF_MOMENTS) * rig.width * rig.height
     at_once = max(1, min(_READ_BYTES // n_bytes, os.cpu_count() or 1))
@@ -179,33 +181,39 @@ def _read_samples(
     frames = np.empty((len(numbers), *media.size[::-1], 3), np.uint8)
     for into, frame in zip(frames, media.frames(numbers), strict=True):
         into[...] = frame
-    median, _ = median_moments(frames)
-    light = _estimate_light(frames, median)
-    relit = map(relight_picture, frames, light)
-    small = np.stack([scale_picture(picture, factor) for picture in relit])
+    row, column = _grid(media.size)
+    shown = frames[:, row[:, None], column]
+    median = select_rank(shown, len(numbers) // 2)
+    light = _estimate_light(shown, median, media.size)
+    scaled = (scale_picture(picture, factor) for picture in frames)
+    small = np.stack([*map(relight_picture, scaled, scale_light(light, factor))])
     if film is None:
         return _View(frames if keep else None, light, small, None)
     mean, std = view_moments(film)
-    (of,) = _estimate_light(mean[None], median)
+    (of,) = _estimate_light(mean[None, row[:, None], column], median, media.size)
     row, column = map(np.arange, mean.shape[:2])
     field = light_field(of, row[:, None], column)[..., None]
     gains, offsets = np.float32(of[:3]) * field, np.float32(of[3:6])
     return _View(frames if keep else None, light, small, ((mean - offsets) / gains, std / gains))
 
 
-def _estimate_light(frames: np.ndarray, median: np.ndarray) -> np.ndarray:
-    """Return the light (n, LIGHT_FLOATS) of frames (n, h, w, 3) relative to the median of all."""
-    height, width = median.shape[:2]
-    x, y = (
-        ((np.arange(n) + 0.5) / n * size).astype(int)
-        for n, size in zip(GRID, (width, height), strict=True)
+def _grid(size: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
+    """Return the rows and the columns of the pixels from which the light of pictures is
+    estimated."""
+    column, row = (
+        ((np.arange(n) + 0.5) / n * of).astype(int) for n, of in zip(GRID, size, strict=True)
     )
-    place = np.stack(np.meshgrid(2 * (x + 0.5) / width - 1, 2 * (y + 0.5) / height - 1))
-    mean = np.moveaxis(median[y[:, None], x], -1, 0)
+    return row, column
+
+
+def _estimate_light(shown: np.ndarray, median: np.ndarray, size: tuple[int, int]) -> np.ndarray:
+    """Return the light (n, LIGHT_FLOATS) of pictures of a size relative to that of their median,
+    from the colours (n, h, w, 3) and (h, w, 3) of the pixels of `_grid`."""
+    row, column = (2 * (of + 0.5) / n - 1 for of, n in zip(_grid(size), size[::-1], strict=True))
+    mean = np.moveaxis(median.astype(np.float64), -1, 0)
     weight = np.full(mean.shape, BackgroundConfig().sigma_floor ** -2)
-    scene = np.concatenate([mean, weight, place]).reshape(8, -1).astype(np.float64)
-    shown = frames[:, y[:, None], x].reshape(len(frames), -1, 3).astype(np.float64)
-    return fit_light(shown, scene, (width, height))
+    scene = np.concatenate([mean, weight, np.stack(np.meshgrid(column, row))]).reshape(8, -1)
+    return fit_light(shown.reshape(len(shown), -1, 3).astype(np.float64), scene, size)
 
 
 def _stack(pictures: list[np.ndarray], rig: CameraRig) -> np.ndarray:
