@@ -254,15 +254,23 @@ def _draw_cones(
     """Tint cones (C, 16), near ones over far ones, and draw the outline of all together."""
     rings, depth = camera.project(outline_rings(camera.centre, cones))
     distance = np.linalg.norm((cones[:, 0:3] + cones[:, 4:7]) / 2 - camera.centre, axis=-1)
+    seen = (depth > 0).all(axis=-1) & np.isfinite(rings).all(axis=(-2, -1))
+    if not seen.any():
+        return
+    rim = thickness + 2  # dark, so that the line is visible on any background
+    low = np.clip(rings[seen].min((0, 1)) - rim, 0, camera.size).astype(int)
+    high = np.clip(rings[seen].max((0, 1)) + rim + 1, 0, camera.size).astype(int)
+    image = image[low[1] : high[1], low[0] : high[0]]
+    if not image.size:
+        return
     paint = np.zeros_like(image)
     for i in np.argsort(-distance):
-        if (depth[i] > 0).all() and np.isfinite(rings[i]).all():
-            hull = cv2.convexHull(_to_fixed_point(rings[i]))
+        if seen[i]:
+            hull = cv2.convexHull(_to_fixed_point(rings[i] - low))
             cv2.fillConvexPoly(paint, hull, colours[i], cv2.LINE_8, _BITS)
     inside = np.asarray(paint.any(axis=-1))
     image[inside] = np.rint(0.84 * image[inside] + 0.16 * paint[inside])
     lines, _ = cv2.findContours(inside.astype(np.uint8), cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
-    rim = thickness + 2  # dark, so that the line is visible on any background
     nearest = cv2.dilate(paint, np.ones((rim, rim), np.uint8))
     for width in (rim, thickness):
         drawn = np.zeros(image.shape[:2], np.uint8)

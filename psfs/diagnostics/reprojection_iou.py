@@ -77,12 +77,19 @@ def whole_silhouette(shown: np.ndarray, region: np.ndarray) -> np.ndarray:
     within it. Speckle is removed.
     """
     smooth = cv2.medianBlur(shown.astype(np.uint8), 5)
-    count, labels = cv2.connectedComponents(smooth, connectivity=8)
+    left, top, width, height = cv2.boundingRect(smooth)
+    box = np.s_[top : top + height, left : left + width]
+    inside, whole = region[box], np.zeros(shown.shape, bool)
+    if not inside.size:
+        return whole
+    count, labels = cv2.connectedComponents(smooth[box], connectivity=8)
     areas = np.bincount(labels.ravel(), minlength=count)
-    within = np.bincount(labels[region], minlength=count)
+    within = np.bincount(labels[inside], minlength=count)
     mostly = within >= _MOSTLY * np.maximum(areas, 1)
     mostly[0] = False
-    return keep_large_regions((smooth > 0) & (region | mostly[labels]), SPECKLE_SHARE)
+    part = (smooth[box] > 0) & (inside | mostly[labels])
+    whole[box] = keep_large_regions(part, SPECKLE_SHARE)
+    return whole
 
 
 def share_beyond_volume(silhouettes: np.ndarray, region: np.ndarray) -> np.ndarray:

@@ -52,9 +52,14 @@ def voxel_silhouette(
     footprint: (2,) px m, see `psfs.cameras.footprints.voxel_footprints`.
     """
     _, low, high, _ = pixel_boxes(camera, centres, footprint)
-    (x0, y0), (x1, y1) = low.T, high.T
+    drawn = np.zeros(shape, bool)
+    if not len(low):
+        return drawn
+    (left, top), (right, bottom) = low.min(0), high.max(0)
+    (x0, y0), (x1, y1) = (low - (left, top)).T, (high - (left, top)).T
     # Signed corners of the boxes: their sums along both axes count the boxes over each pixel.
-    corners = np.zeros((shape[0] + 1, shape[1] + 1), int)
+    corners = np.zeros((bottom - top + 1, right - left + 1), int)
     for rows, columns, sign in ((y0, x0, 1), (y1, x1, 1), (y0, x1, -1), (y1, x0, -1)):
         np.add.at(corners, (rows, columns), sign)
-    return corners.cumsum(0).cumsum(1)[:-1, :-1] > 0
+    drawn[top:bottom, left:right] = corners.cumsum(0).cumsum(1)[:-1, :-1] > 0
+    return drawn
