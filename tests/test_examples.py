@@ -18,7 +18,7 @@ DOCS = Path(__file__).parents[1] / "docs"
 
 def test_examples_run(walk: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "walk").symlink_to(walk)
-    config = SceneConfig(people=2, cameras=4, frames=3, size=(320, 240))
+    config = SceneConfig(people=2, cameras=4, frames=2, size=(160, 120))
     generate(tmp_path / "walkers", config, Device.best())
     monkeypatch.chdir(tmp_path)
     monkeypatch.setitem(os.environ, "MPLBACKEND", "agg")

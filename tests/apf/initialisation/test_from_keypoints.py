@@ -30,7 +30,7 @@ def child() -> BodyModel:
     return TEMPLATE.scaled(lengths, 0.7)
 
 
-def poses_of(body: BodyModel, n: int = 8) -> np.ndarray:
+def poses_of(body: BodyModel, n: int = 6) -> np.ndarray:
     """(n, D) a person who turns round while limbs swing."""
     time = np.arange(n)[:, None] / n
     poses = bodies.random_poses(body, 1)[0] + 0.3 * np.sin(6 * time + np.arange(body.n_dof))
@@ -48,7 +48,7 @@ def learnt_error(keypoints: Keypoints, body: BodyModel, poses: np.ndarray) -> fl
 
 def test_lengths_and_poses_of_a_child_who_turns() -> None:
     body = child()
-    poses = poses_of(body)
+    poses = poses_of(body, 8)
     keypoints = of_poses(RIG, body, poses, noise=2.0)
     found = start_from_keypoints(RIG, keypoints, TEMPLATE, range(len(poses)))
     assert stature(found.body) == pytest.approx(stature(body), rel=0.08)
@@ -60,11 +60,11 @@ def test_lengths_and_poses_of_a_child_who_turns() -> None:
 
 def test_known_height_and_shape_are_kept() -> None:
     body = child()
-    poses = poses_of(body, 10)
+    poses = poses_of(body, 5)
     keypoints = of_poses(RIG, body, poses, noise=2.0)
-    tall = start_from_keypoints(RIG, keypoints, TEMPLATE, range(10), height=1.4)
+    tall = start_from_keypoints(RIG, keypoints, TEMPLATE, range(5), height=1.4)
     assert stature(tall.body) == pytest.approx(1.4, abs=0.01)
-    own = start_from_keypoints(RIG, keypoints, body, range(10), keep_shape=True)
+    own = start_from_keypoints(RIG, keypoints, body, range(5), keep_shape=True)
     np.testing.assert_allclose(
         [bone.offset for bone in own.body.bones], [bone.offset for bone in body.bones]
     )

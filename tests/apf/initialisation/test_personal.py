@@ -27,7 +27,7 @@ def taken() -> tuple[PersonalFit, np.ndarray, np.ndarray, list[Outlines]]:
     true = np.zeros(len(fit.shape.spread))
     true[fit.shape.index["length", "thigh", 0, 0]] = 0.06
     true[fit.shape.index["length", "forearm", 0, 0]] = -0.06
-    poses = SONG.rest_pose + np.random.default_rng(1).normal(0, 0.4, (10, SONG.n_dof))
+    poses = SONG.rest_pose + np.random.default_rng(1).normal(0, 0.4, (8, SONG.n_dof))
     poses[:, :3] = SONG.rest_pose[:3]
     poses = np.clip(poses, SONG.lower, SONG.upper)
     cones = posed_cones(fit.shape.body(true), poses)

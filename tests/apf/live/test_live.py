@@ -211,7 +211,7 @@ def test_a_camera_that_goes_is_told_and_the_others_go_on(
     gone: list[str], left: int, filmed: Path, tmp_path: Path, monkeypatch, capfd
 ) -> None:
     """With fewer than two the run ends with exit code 2, and what was tracked is kept."""
-    names = film(monkeypatch, filmed, dict.fromkeys(gone, 12), 300)
+    names = film(monkeypatch, filmed, dict.fromkeys(gone, 12), 40)
     code = live(filmed, tmp_path / "out", "--particles", "48", "--captures", *names)
     said, track = " ".join(capfd.readouterr().err.split()), Track.open(tmp_path / "out")
     assert (
@@ -227,7 +227,7 @@ def test_a_camera_that_goes_is_told_and_the_others_go_on(
 def test_a_camera_that_comes_back_is_used_again(
     filmed: Path, tmp_path: Path, monkeypatch, capfd
 ) -> None:
-    names = film(monkeypatch, filmed, {"cam03": 12}, 300, back_after=40)
+    names = film(monkeypatch, filmed, {"cam03": 12}, 150, back_after=40)
     assert live(filmed, tmp_path / "out", "--particles", "48", "--captures", *names) == 0
     said = " ".join(capfd.readouterr().err.split())
     gone, back = (said.index(words) for words in ("gives no more pictures", "gives pictures again"))
@@ -241,7 +241,7 @@ def test_a_full_disk_leaves_the_parts(filmed: Path, tmp_path: Path, monkeypatch,
 
     monkeypatch.setattr(live_command, "_APART", 0.0)
     monkeypatch.setattr(live_command, "write_people", full)
-    names = film(monkeypatch, filmed, {}, 100)
+    names = film(monkeypatch, filmed, {}, 20)
     assert live(filmed, tmp_path / "out", "--particles", "48", "--captures", *names) == 2
     assert f"what was tracked is in {tmp_path / 'out' / 'parts'}" in capfd.readouterr().err
     assert len(Track.open(tmp_path / "out")) > 0
@@ -250,7 +250,7 @@ def test_a_full_disk_leaves_the_parts(filmed: Path, tmp_path: Path, monkeypatch,
 def test_poses_are_on_disk_while_a_run_goes_on(filmed: Path, tmp_path: Path, monkeypatch) -> None:
     monkeypatch.setattr(live_command, "_APART", 0.0)
     monkeypatch.setattr(live_command, "remove_parts", lambda folder: None)
-    names = film(monkeypatch, filmed, {}, 200)
+    names = film(monkeypatch, filmed, {}, 20)
     assert live(filmed, tmp_path / "out", "--particles", "48", "--captures", *names) == 0
     whole = Track.open(tmp_path / "out")
     parts = [Track.open(path) for path in sorted((tmp_path / "out" / "parts").iterdir())]

@@ -77,7 +77,7 @@ def pixels_apart(a: CameraRig, b: CameraRig) -> float:
 
 @pytest.fixture(scope="module")
 def outlines() -> list[list[Outline | None]]:
-    return outlines_of(EXACT, 45, OFFSETS)
+    return outlines_of(EXACT, 30, OFFSETS)
 
 
 def test_a_rig_that_is_off_is_corrected_and_its_times_found(
