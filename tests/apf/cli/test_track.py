@@ -102,6 +102,7 @@ def test_interrupted(walk: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     assert Track.open(tmp_path / "out").frames.tolist() == [0, 1]
 
 
+@pytest.mark.usefixtures("quick_start")
 def test_nothing_but_the_folder(walk: Path, tmp_path: Path) -> None:
     """Started by itself."""
     few = ["--frames", "0:4", "--particles", "60", "--layers", "5", "--voxel-size", "0.03"]

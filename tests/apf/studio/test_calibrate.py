@@ -20,7 +20,7 @@ from apf.studio.film import TARGET, PersonCheck
 from apf.studio.folders import Roots, find_kind
 from apf.studio.page import Page
 from apf.studio.target_fields import CHARUCO, CHESSBOARD, PERSON, WAND
-from cl import Device, InputError, NumpyDevice
+from cl import Device, InputError
 from psfs.calibration.targets.detection import open_uncalibrated
 from psfs.footage.settings import SequenceSettings
 from psfs.output.video import write_video
@@ -132,7 +132,7 @@ def test_person_who_walks_in_is_judged(walk: Path) -> None:
     empty = np.rint(sequence.background.mean).astype(np.uint8)
     noise = np.random.default_rng(0).integers(-2, 3, (5, *empty.shape))
     check = PersonCheck(
-        NumpyDevice(), sequence.rig, [(empty + of).clip(0, 255).astype(np.uint8) for of in noise]
+        Device.best(), sequence.rig, [(empty + of).clip(0, 255).astype(np.uint8) for of in noise]
     )
     masks = check.examine_frame(sequence.read(2))
     shares = [mask.mean() for mask in masks]
@@ -141,7 +141,7 @@ def test_person_who_walks_in_is_judged(walk: Path) -> None:
     assert "whole" in check.describe() and "px high" in check.describe()
     check.examine_frame(Frame(9, empty, None))
     assert all(one.seen == 1 for one in check.views)  # an empty room is nobody's fault
-    alone = PersonCheck(NumpyDevice(), sequence.rig, [empty])
+    alone = PersonCheck(Device.best(), sequence.rig, [empty])
     alone.examine_frame(Frame(9, empty, None))
     assert "nobody is seen yet" in alone.describe()
 

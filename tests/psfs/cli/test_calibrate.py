@@ -137,7 +137,8 @@ def test_what_cannot_be_is_one_line(
     assert "no ChArUco board of 6x4 squares in 2 frames of 2 cameras" in missing
     assert "searched for 6 corners or more between markers of 4X4, 5X5" in missing
     assert "expected charuco, chessboard, or a board's file" in line(boards, "--board", "none.toml")
-    wrong = line(boards, *charuco, "--squares", "12x9", "--square", "0.1", *short)
+    one = ("--frames", "1:2", "--cameras", "cam01,cam02")
+    wrong = line(boards, *charuco, "--squares", "12x9", "--square", "0.1", *one)
     assert "4X4 markers with numbers up to 11" in wrong
     assert "looks alike from four sides" in line(
         boards, *chess, "--squares", "6x6", "--square", "0.2"

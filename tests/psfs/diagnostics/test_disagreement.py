@@ -69,7 +69,7 @@ class Spoilt:
 def walk(tmp_path_factory: pytest.TempPathFactory) -> Sequence:
     """Small pictures of a walk, each frame of which is decoded once."""
     folder = tmp_path_factory.mktemp("sound") / "walk"
-    config = SceneConfig(cameras=6, frames=60, fps=30, size=(160, 120), seed=4)
+    config = SceneConfig(cameras=6, frames=50, fps=30, size=(160, 120), seed=4)
     generate(folder, config, Device.best())
     sequence = Sequence.open(folder)
     sequence.read = cache(sequence.read)  # type: ignore[method-assign]
