@@ -168,7 +168,8 @@ def test_the_command(
         return
 
     flags = ["--particles", "40", "--layers", "3", "--voxel-size", "0.06", "--all-cameras"]
-    flags += ["--one-way", "--frames", "0:2", "--init", str(walk / "truth.npz"), "--no-overlay", "--no-report"]
+    flags += ["--one-way", "--frames", "0:2", "--init", str(walk / "truth.npz")]
+    flags += ["--no-overlay", "--no-report"]
     assert main(["track", str(walk), "-o", str(tmp_path / "alone"), *flags]) == 0
     alone, mine = Track.open(tmp_path / "alone"), Track.open(out / walk.name)
     assert mine.poses.tobytes() == alone.poses.tobytes()
