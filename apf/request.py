@@ -464,7 +464,9 @@ class DemoRequest(Request):
     COMMAND: ClassVar = "apf demo"
 
     output: Annotated[Path, output_flag("folder (default: demo)", "FOLDER")] = Path("demo")
-    scene: Annotated[SceneConfig, Part(only=("frames", "cameras"), fill=True)] = part(SceneConfig)
+    scene: Annotated[SceneConfig, Part(only=("frames", "cameras"), fill=True)] = part(
+        SceneConfig, frames=48
+    )
     open: Annotated[bool, Flag("open the report in a browser at the end")] = False
     device: Annotated[str, DEVICE] = "auto"
 

@@ -361,7 +361,10 @@ def _part_options(name: str, part: Part, info: FieldInfo) -> Iterator[Option]:
         paths = tuple(other for other, _ in flagged if other[-1] == dest)
         parse, text = part.texts.get(dest, (None, None))
         first, *_ = field_kinds(of)
-        usual = (part.default or usual_value)(path, of)
+        value = defaults
+        for step in path:
+            value = getattr(value, step)
+        usual = (part.default or usual_value)(path, FieldInfo.merge_field_infos(of, default=value))
         flag = Flag(
             f"{about(of, 'flag_help') or _describe(of)} (default: {usual})",
             about(of, "metavar"),
@@ -371,9 +374,6 @@ def _part_options(name: str, part: Part, info: FieldInfo) -> Iterator[Option]:
             group=part.groups.get(dest, part.group),
             choices=() if parse else field_choices(of),
         )
-        value = defaults
-        for step in path:
-            value = getattr(value, step)
         yield Option(dest, flag, first, value, part=name, paths=paths, fill=part.fill)
 
 
