@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic.fields import FieldInfo
 
@@ -547,6 +547,18 @@ class KeypointsRequest(FolderRequest):
         Flag("people to find in each picture: a number, or auto for as many as are seen in "
              "silhouettes (default 1); each where they stand", "N", _people),
     ] = 1  # fmt: skip
+
+
+class BodyRequest(Request):
+    """The request of `apf body`."""
+
+    COMMAND: ClassVar = "apf body"
+    DETAILS: ClassVar = ": bones, cones and joints, or what does not work with it alone."
+
+    action: Annotated[
+        Literal["show", "check"], Flag("what to do", positional=True, metavar="show|check")
+    ]
+    file: Annotated[str, folder_flag("a shipped body or a TOML file, docs/formats.md", "BODY")]
 
 
 class SmoothRequest(Request):

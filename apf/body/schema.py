@@ -85,3 +85,24 @@ class BodyEntry(_Entry):
     joint: Annotated[list[JointEntry], Field(min_length=1, max_length=MOST)]
     edges: Annotated[list[Pair], Field(max_length=MOST_PAIRS)]
     apart: Annotated[list[Pair], Field(max_length=MOST_PAIRS)] = []
+
+
+class DerivedEntry(_Entry):
+    """A body that begins from another one, `base`: a shipped one or a file.
+
+    scale: of the whole; lengths, radii: factors per scale and radius group, see `BodyModel.scaled`.
+    without: bones that go, with all that hangs on them. bone, cone, joint: replace those of the
+    same name, or are added. edges, apart: the base's, as far as their ends are left, if not given.
+    """
+
+    base: Name
+    name: Name
+    scale: Positive = 1.0
+    lengths: dict[Name, Positive] = {}
+    radii: dict[Name, Positive] = {}
+    without: list[Name] = []
+    bone: Annotated[list[BoneEntry], Field(max_length=MOST)] = []
+    cone: Annotated[list[ConeEntry], Field(max_length=MOST)] = []
+    joint: Annotated[list[JointEntry], Field(max_length=MOST)] = []
+    edges: Annotated[list[Pair], Field(max_length=MOST_PAIRS)] | None = None
+    apart: Annotated[list[Pair], Field(max_length=MOST_PAIRS)] | None = None

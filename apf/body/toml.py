@@ -5,13 +5,22 @@ from __future__ import annotations
 from collections.abc import Sequence
 from importlib import resources
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import tomli_w
 
 from apf.body.kinematics import posed_cones, posed_joints
 from apf.body.model import BodyModel, Bone, Cone, FreeAxis, Joint
-from apf.body.schema import MOST, TALLEST, AxisEntry, BodyEntry, BoneEntry, ConeEntry
+from apf.body.schema import (
+    MOST,
+    TALLEST,
+    AxisEntry,
+    BodyEntry,
+    BoneEntry,
+    ConeEntry,
+    DerivedEntry,
+)
 from cl import InputError, MissingFileError
 from psfs.cameras.names import join_names
 from psfs.common.files import parse_toml, read_toml, write_text
@@ -42,13 +51,48 @@ def parse_body(text: str, source: str | Path) -> BodyModel:
 
 
 def _validate(data: dict[str, object], source: str | Path) -> BodyModel:
-    entry = parse_values(BodyEntry, data, source)
     try:
-        body = _parse(entry)
+        if "base" in data:
+            data = _derive(parse_values(DerivedEntry, data, source), Path(source).parent)
+        body = _parse(parse_values(BodyEntry, data, source))
         _check_extent(body)
     except ValueError as error:
         raise InputError(f"{source}: {error}") from None
+    except RecursionError:
+        raise InputError(f"{source}: is the base of its own base; expected another") from None
     return body
+
+
+def _derive(entry: DerivedEntry, folder: Path) -> dict[str, Any]:
+    """Return the tables of a body that begins from another one, in `folder` unless it is shipped.
+    ValueError says what is wrong."""
+    beside = folder / entry.base
+    base = load_body(beside if beside.suffix == ".toml" else entry.base)
+    for kind, groups in (("lengths", base.scale_groups), ("radii", base.radius_groups)):
+        for name in getattr(entry, kind):
+            if name not in groups:
+                raise ValueError(f"{kind}: no {name!r} in {base.name}; known: {join_names(groups)}")
+    lengths = {name: entry.scale * entry.lengths.get(name, 1.0) for name in base.scale_groups}
+    radii = {name: entry.scale * entry.radii.get(name, 1.0) for name in base.radius_groups}
+    tables: dict[str, Any] = _tabulate(base.scaled(lengths, radii)) | {"name": entry.name}
+    gone = {_find_index([bone.name for bone in base.bones], n, "bone") for n in entry.without}
+    for index, bone in enumerate(base.bones):
+        gone |= {index} if bone.parent in gone else set()
+    lost = {base.bones[index].name for index in gone}
+    for bone in tables["bone"]:
+        for axis in bone["axes"]:
+            del axis["dof"]  # those of bones that go leave no gap
+            axis["rest"] *= entry.scale if axis["axis"].strip("-")[0] == "t" else 1
+    for kind, owner in (("bone", "name"), ("cone", "bone"), ("joint", "bone")):
+        new = {each.name: each.model_dump(exclude_none=True) for each in getattr(entry, kind)}
+        kept = [new.pop(of["name"], of) for of in tables[kind] if of[owner] not in lost]
+        tables[kind] = kept + list(new.values())
+    for kind, items in (("edges", "joint"), ("apart", "cone")):
+        left = {each["name"] for each in tables[items]}
+        given = getattr(entry, kind)
+        known = [pair for pair in tables[kind] if left >= set(pair)]
+        tables[kind] = known if given is None else given
+    return tables
 
 
 def _parse(entry: BodyEntry) -> BodyModel:
@@ -197,9 +241,14 @@ def save_body(path: str | Path, body: BodyModel) -> None:
 
 def format_body(body: BodyModel) -> str:
     """Return `body` as TOML, for `parse_body`."""
+    return tomli_w.dumps(_tabulate(body))
+
+
+def _tabulate(body: BodyModel) -> dict[str, Any]:
+    """Return the tables of `body`, those of a `BodyEntry`."""
     cone_names, joint_names = body.cone_names, body.joint_names
     bone_names = [bone.name for bone in body.bones]
-    data = {
+    return {
         "name": body.name,
         "edges": [[joint_names[a], joint_names[b]] for a, b in body.edges],
         "apart": [[cone_names[a], cone_names[b]] for a, b in body.apart],
@@ -235,7 +284,6 @@ def format_body(body: BodyModel) -> str:
             for joint in body.joints
         ],
     }
-    return tomli_w.dumps(data)
 
 
 def _axis_entry(body: BodyModel, axis: FreeAxis) -> dict[str, object]:

@@ -21,6 +21,7 @@ COMMANDS = list_commands(
             "--keypoints.",
         },
         "tracks": {
+            "body": "Show or check a body",
             "track": "Reconstruct and track one person or several, frame by frame.",
             "batch": "Track many takes, folders or a TOML list of them, on all GPUs or cores, or "
             "on a Dask cluster; a second call does what the first left.",

@@ -155,17 +155,9 @@ class PersonSurface:
         """Return columns 12-31 of the packed primitives, which do not depend on the pose."""
         rest = skeleton.forward(np.zeros((1, 3)), {}).positions[0, self._bones, 2]
         out = np.zeros((len(self), PRIMITIVE_FLOATS), np.float64)
-        length = np.maximum(self._length, 1e-9)
-        taper = np.where(self._length > 0, (self._radii[:, 1] - self._radii[:, 0]) / length, 0.0)
-        out[:, 12] = self._length
-        out[:, 13] = self._radii[:, 0]
-        out[:, 14] = taper
-        out[:, 15] = taper / np.sqrt(1 - taper**2)
-        out[:, 16:18] = 1 / self._squash
+        pack_constants(out, self._length, self._radii, self._squash)
         out[:, 18] = [scale * p.blend for p in self.primitives]
         out[:, 19] = [p.group for p in self.primitives]
-        largest = self._radii.max(1) * np.maximum(self._squash.max(1), 1.0)
-        out[:, 23] = 0.5 * self._length + largest
         out[:, 24] = [p.region for p in self.primitives]
         out[:, 25] = [p.beyond for p in self.primitives]
         out[:, 26] = [p.split for p in self.primitives] * np.where(
@@ -173,7 +165,6 @@ class PersonSurface:
         )
         out[:, 27] = rest + self._a[:, 2]
         out[:, 28] = self._axes[:, 2, 2]
-        out[:, 31] = largest
         return out
 
     def packed(self, motion: Motion, frame: int) -> np.ndarray:
@@ -208,6 +199,21 @@ class PersonSurface:
                 radius = (1 - share) * self._radii[i, 0] + share * self._radii[i, 1]
                 balls.append([*centre, width[i] * radius])
         return np.array(balls, np.float32)
+
+
+def pack_constants(
+    packed: np.ndarray, length: np.ndarray, radii: np.ndarray, squash: np.ndarray
+) -> None:
+    """Write those columns of packed primitives (P, PRIMITIVE_FLOATS) that their lengths (P,) and
+    radii (P, 2), m, and squashes (P, 2) determine."""
+    change = radii[:, 1] - radii[:, 0]
+    # Where one end's ball holds the other's, no cone touches both.
+    taper = np.where(length > np.abs(change), change / np.maximum(length, 1e-9), 0.0)
+    largest = radii.max(1) * np.maximum(squash.max(1), 1.0)
+    packed[:, 12], packed[:, 13], packed[:, 14] = length, radii[:, 0], taper
+    packed[:, 15] = taper / np.sqrt(1 - taper**2)
+    packed[:, 16:18] = 1 / squash
+    packed[:, 23], packed[:, 31] = 0.5 * length + largest, largest
 
 
 def _primitive_axes(direction: np.ndarray) -> np.ndarray:

@@ -81,11 +81,21 @@ class SceneConfig(Config):
         flag="--visitor",
     )
 
+    body: str | None = setting(
+        None,
+        "Body, shipped or a file, that goes about in place of a person; its cones are filmed.",
+        flag="--body",
+        flag_help="film this body, shipped or a TOML file, in place of a person",
+        metavar="BODY",
+    )
+
     @model_validator(mode="after")
     def _can_be_drawn(self) -> SceneConfig:
         for side in self.size:
             if not 32 <= side <= 8192 or side % 2:  # of which H.264 codes pairs
                 raise InputError(f"size is {self.size} px; expected even sides from 32 to 8192 px")
+        if self.body is not None and self.people > 1:
+            raise InputError(f"people is {self.people}; expected 1 with a body")
         if self.visitor and self.people < 2:
             raise InputError("visitor needs somebody to visit; expected people of 2 or more")
         return self

@@ -10,6 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
+from apf.body.toml import save_body
+from apf.formats.pose import write_pose
 from apf.formats.trc import JointSeries, write_trc
 from apf.synthetic.config import SceneConfig
 from apf.synthetic.render import SyntheticScene
@@ -30,6 +32,8 @@ _RESULTS = (
     "videos/cam*",
     "background/cam*",
     "truth.*",
+    "body.toml",
+    "start.txt",
     "truth_person*",
     "truth_masks/cam*",
     "truth_masks_people/cam*",
@@ -66,6 +70,9 @@ def generate(
                 if progress is not None:
                     progress(i + 1, config.frames)
         write_truth(temporary, scene)
+        if (roamer := scene.roamer) is not None:
+            save_body(temporary / "body.toml", roamer.body)
+            write_pose(temporary / "start.txt", roamer.poses[0], roamer.body)
         write_toml(temporary / MARK, {"synthetic": config.to_dict()})
 
 

@@ -7,10 +7,12 @@ from functools import cached_property
 import cv2
 import numpy as np
 
+from apf.body.toml import load_body
 from apf.synthetic.body import PRIMITIVE_FLOATS, PersonSurface
 from apf.synthetic.config import SceneConfig
 from apf.synthetic.gait import GaitModel
 from apf.synthetic.people import make_walks, presence
+from apf.synthetic.roaming import Roamer
 from apf.synthetic.scene import ROOM, Furniture, make_furniture, make_palettes, make_rig
 from apf.synthetic.skeleton import Motion
 from apf.synthetic.walk import Walk
@@ -250,7 +252,12 @@ class SyntheticScene:
             )
         self.config = config
         self.rig = make_rig(config)
-        self._walkers = [_Walker(walk, config) for walk in make_walks(config)]
+        times = np.arange(config.frames) / config.fps
+        self._walkers: list[_Walker] | list[Roamer]
+        if config.body is None:
+            self._walkers = [_Walker(walk, config) for walk in make_walks(config)]
+        else:
+            self._walkers = [Roamer(load_body(config.body), config.walk, times, config.seed)]
         self._there = presence(config)
         joints = np.stack([walker.joints for walker in self._walkers])
         self.people_joints = np.where(self._there[:, :, None, None], joints, np.nan)
@@ -268,6 +275,12 @@ class SyntheticScene:
 
     def __len__(self) -> int:
         return self.config.frames
+
+    @property
+    def roamer(self) -> Roamer | None:
+        """The body that goes about in place of a person."""
+        first = self._walkers[0]
+        return first if isinstance(first, Roamer) else None
 
     def posed(self, index: int, person: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return the renderer's arguments for a frame: primitives, balls, centre of the shadow

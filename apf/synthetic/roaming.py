@@ -1,0 +1,102 @@
+"""Any body on a walk: its root follows the course, and every angle swings as fast as its `sigma`
+says, left and right in turn."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from apf.body.kinematics import posed_cones, posed_joints
+from apf.body.limbs import limb_bones
+from apf.body.model import BodyModel, find_side, sideless
+from apf.body.stature import lowest_point
+from apf.synthetic.body import HAIR, PRIMITIVE_FLOATS, SHIRT, SHOE, SKIN, TROUSERS, pack_constants
+from apf.synthetic.walk import Path, Walk
+
+#: Steps per second and the rate, frames/s, that `sigma` refers to.
+_PACE, _RATE = 0.9, 60.0
+#: Share of the speeds that `sigma` allows.
+_SPEED = 0.6
+#: Regions of the limbs in turn, and distance, m, over which cones blend.
+_LIMBS, _BLEND = (TROUSERS, SKIN, SHOE, HAIR), 0.02
+
+
+def roam(body: BodyModel, walk: Walk, times: np.ndarray, seed: int) -> np.ndarray:
+    """Return poses (F, D) of `body` at `times` (F,) s: it goes along the course of `walk`, and its
+    lowest point touches the floor."""
+    rng = np.random.default_rng([seed, 8])
+    turn = 2 * np.pi * _PACE
+    poses = np.tile(body.rest_pose, (len(times), 1))
+    phases: dict[tuple[str, str], float] = {}
+    for bone in body.bones:
+        for axis in bone.axes:
+            if bone.parent < 0 and axis.kind in ("tx", "ty", "tz", "rz"):
+                continue
+            lower, upper = body.lower[axis.dof], body.upper[axis.dof]
+            swing = _SPEED * body.sigma[axis.dof] * _RATE * np.sqrt(2) / turn
+            swing = min(swing, (upper - lower) / 2)
+            middle = np.clip(body.rest_pose[axis.dof], lower + swing, upper - swing)
+            key = sideless(bone.name), axis.kind
+            phase = phases.setdefault(key, rng.uniform(0, 2 * np.pi))
+            phase += np.pi * (find_side(bone.name) == "right")
+            poses[:, axis.dof] = middle + swing * np.sin(turn * times + phase)
+    place, heading = Path(walk)(walk.speed * times)
+    there = {"tx": place[:, 0], "ty": place[:, 1], "rz": heading}
+    lift = next((axis.dof for axis in body.bones[0].axes if axis.kind == "tz"), None)
+    for axis in body.bones[0].axes:
+        if axis.kind in there:
+            poses[:, axis.dof] = axis.sign * there[axis.kind]
+    if lift is not None:
+        poses[:, lift] -= [lowest_point(cones) for cones in posed_cones(body, poses)]
+    return poses
+
+
+class Roamer:
+    """A body on its walk, as the renderer takes it. joints: (F, J, 3) m. poses: (F, D)."""
+
+    def __init__(self, body: BodyModel, walk: Walk, times: np.ndarray, seed: int) -> None:
+        self.body, self.poses = body, roam(body, walk, times, seed)
+        trail = posed_joints(body, self.poses)[:, 0, :2]
+        for axis in body.bones[0].axes[:2]:  # the walked part is centred on the origin
+            if axis.kind in ("tx", "ty"):
+                column = trail[:, "xy".index(axis.kind[1])]
+                self.poses[:, axis.dof] -= axis.sign * (column.min() + column.max()) / 2
+        self.joints, self.joint_names = posed_joints(body, self.poses), body.joint_names
+        self._cones = posed_cones(body, self.poses)
+        self._order = self._sort_by_group()
+        rest = posed_cones(body, body.rest_pose[None])[0]
+        along = rest[:, 4:7] - rest[:, 0:3]
+        slopes = along[:, 2] / np.linalg.norm(along, axis=1)
+        self._heights = np.stack([rest[:, 2], slopes])  # stripes stay on the cloth
+
+    def _sort_by_group(self) -> list[tuple[int, int, int]]:
+        """Return for each primitive its group, region and cone; limbs do not blend into another."""
+        limbs = limb_bones(self.body)
+        rows = []
+        for number, cone in enumerate(self.body.cones):
+            limb = int(np.argmax(limbs[:, cone.bone])) if limbs[:, cone.bone].any() else -1
+            region = SHIRT if limb < 0 else _LIMBS[limb % len(_LIMBS)]
+            rows.append((limb + 1, SKIN if cone.name == "head" else region, number))
+        return sorted(rows)
+
+    def posed(self, index: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return primitives (C, PRIMITIVE_FLOATS), balls (S, 4) and the centre (2,) m of the shadow
+        map, float32."""
+        groups, regions, order = np.array(self._order).T
+        cones = self._cones[index, order]
+        packed = np.zeros((len(cones), PRIMITIVE_FLOATS))
+        a, along = cones[:, 0:3], cones[:, 4:7] - cones[:, 0:3]
+        length = np.linalg.norm(along, axis=1)
+        rows = np.stack([cones[:, 8:11], cones[:, 12:15], along / length[:, None]], 1)
+        packed[:, 0:9] = rows.reshape(-1, 9)
+        packed[:, 9:12] = -np.einsum("pka,pa->pk", rows, a)
+        squash = 1 / np.linalg.norm(rows[:, :2], axis=2)
+        packed[:, 20:23] = a + along / 2
+        pack_constants(packed, length, cones[:, [3, 7]], squash)
+        packed[:, 18], packed[:, 19] = _BLEND, groups
+        packed[:, 24], packed[:, 25], packed[:, 26] = regions, regions, 2 * length
+        packed[:, 27], packed[:, 28] = self._heights[:, order]
+        shares = np.linspace(0, 1, 4)[:, None, None]
+        thin = np.minimum(squash.min(1), 1)[:, None]
+        radii = thin * (cones[:, [3]] + shares * (cones[:, [7]] - cones[:, [3]]))
+        balls = np.concatenate([a + shares * along, radii], axis=-1).reshape(-1, 4)
+        return packed.astype(np.float32), balls.astype(np.float32), self.joints[index, 0, :2]
