@@ -53,29 +53,35 @@ def parse_body(text: str, source: str | Path) -> BodyModel:
 def _validate(data: dict[str, object], source: str | Path) -> BodyModel:
     try:
         if "base" in data:
-            data = _derive(parse_values(DerivedEntry, data, source), Path(source).parent)
-        body = _parse(parse_values(BodyEntry, data, source))
+            data = _derive(parse_values(DerivedEntry, data, source), Path(source).parent, source)
+        entry = parse_values(BodyEntry, data, source)
+    except RecursionError:
+        raise InputError(f"{source}: is the base of its own base; expected another") from None
+    try:
+        body = _parse(entry)
         _check_extent(body)
     except ValueError as error:
         raise InputError(f"{source}: {error}") from None
-    except RecursionError:
-        raise InputError(f"{source}: is the base of its own base; expected another") from None
     return body
 
 
-def _derive(entry: DerivedEntry, folder: Path) -> dict[str, Any]:
+def _derive(entry: DerivedEntry, folder: Path, source: str | Path) -> dict[str, Any]:
     """Return the tables of a body that begins from another one, in `folder` unless it is shipped.
-    ValueError says what is wrong."""
+    Raises InputError naming the `source`."""
     beside = folder / entry.base
     base = load_body(beside if beside.suffix == ".toml" else entry.base)
     for kind, groups in (("lengths", base.scale_groups), ("radii", base.radius_groups)):
-        for name in getattr(entry, kind):
-            if name not in groups:
-                raise ValueError(f"{kind}: no {name!r} in {base.name}; known: {join_names(groups)}")
+        for group in getattr(entry, kind):
+            if group not in groups:
+                known = join_names(groups)
+                raise InputError(f"{source}: {kind}: no {group!r} in {base.name}; known: {known}")
     lengths = {name: entry.scale * entry.lengths.get(name, 1.0) for name in base.scale_groups}
     radii = {name: entry.scale * entry.radii.get(name, 1.0) for name in base.radius_groups}
     tables: dict[str, Any] = _tabulate(base.scaled(lengths, radii)) | {"name": entry.name}
-    gone = {_find_index([bone.name for bone in base.bones], n, "bone") for n in entry.without}
+    names = [bone.name for bone in base.bones]
+    if missing := [name for name in entry.without if name not in names]:
+        raise InputError(f"{source}: no bone named {missing[0]!r} in {base.name}")
+    gone = {names.index(name) for name in entry.without}
     for index, bone in enumerate(base.bones):
         gone |= {index} if bone.parent in gone else set()
     lost = {base.bones[index].name for index in gone}
@@ -90,8 +96,8 @@ def _derive(entry: DerivedEntry, folder: Path) -> dict[str, Any]:
     for kind, items in (("edges", "joint"), ("apart", "cone")):
         left = {each["name"] for each in tables[items]}
         given = getattr(entry, kind)
-        known = [pair for pair in tables[kind] if left >= set(pair)]
-        tables[kind] = known if given is None else given
+        kept = [pair for pair in tables[kind] if left >= set(pair)]
+        tables[kind] = kept if given is None else given
     return tables
 
 

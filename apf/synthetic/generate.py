@@ -73,7 +73,8 @@ def generate(
         if (roamer := scene.roamer) is not None:
             save_body(temporary / "body.toml", roamer.body)
             write_pose(temporary / "start.txt", roamer.poses[0], roamer.body)
-        write_toml(temporary / MARK, {"synthetic": config.to_dict()})
+        stated = {name: of for name, of in config.to_dict().items() if of is not None}
+        write_toml(temporary / MARK, {"synthetic": stated})
 
 
 def _write_masks(folder: Path, cameras: list[str], index: int, shown: Masks) -> None:

@@ -8,6 +8,9 @@ import cv2
 import numpy as np
 import pytest
 
+from apf.body.kinematics import posed_joints
+from apf.body.toml import load_body
+from apf.formats.pose import read_pose
 from apf.reference.synthetic.scene import body_distance
 from apf.synthetic.body import PersonSurface
 from apf.synthetic.gait import GaitModel
@@ -185,3 +188,19 @@ def test_generate_replaces_only_its_own_folders(
 def test_wrong_configurations_are_refused(wrong: dict) -> None:
     with pytest.raises(InputError, match=next(iter(wrong))):
         SceneConfig(**wrong)
+
+
+def test_any_body_is_filmed(device: Device, tmp_path: Path) -> None:
+    config = SceneConfig(cameras=2, frames=2, size=(160, 120), body="dog")
+    generate(tmp_path / "dog", config, device)
+    body = load_body(tmp_path / "dog" / "body.toml")
+    truth = np.load(tmp_path / "dog" / "truth.npz")
+    pose = read_pose(tmp_path / "dog" / "start.txt", body)
+    np.testing.assert_allclose(posed_joints(body, pose[None])[0], truth["joints"][0], atol=1e-5)
+    scene = SyntheticScene(config, device)
+    _, shown = scene.frame(0)
+    for camera, mask in zip(scene.rig, shown, strict=True):
+        inside, rows, columns, _ = camera.look_up(truth["joints"][0])
+        assert inside.all() and (mask[rows, columns] > 0).mean() > 0.8
+    with pytest.raises(InputError, match="expected 1 with a body"):
+        SceneConfig(body="dog", people=2)
