@@ -90,6 +90,17 @@ def point_jacobian(
     return np.where(moves == _SLIDES, slides, np.where(moves == _TURNS, turns, 0.0))
 
 
+def cone_motions(body: BodyModel, axes: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
+    """Return (M, C, D, 6), how each degree of freedom moves the cones in M poses whose `axes`
+    `world_axes` returns: the product with a point's direction n (3,) and with p x n, p the point on
+    the cone, is the point's displacement along n, see `point_jacobian`."""
+    directions, anchors = (of[:, None] for of in axes)
+    moves = cone_moves(body)[..., None]
+    turns = (moves == _TURNS).astype(float)
+    lever = np.where(moves == _SLIDES, directions, -turns * cross_rows(directions, anchors))
+    return np.concatenate([lever, turns * directions], axis=-1)
+
+
 def cross_rows(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Return the cross products (..., 3) of vectors (..., 3), bitwise equal to `np.cross`, which
     takes several times as long for some hundred of them."""

@@ -20,10 +20,16 @@ from typing import TypeVar
 import cv2
 import numpy as np
 
-from apf.body.jacobian import bone_point_jacobian, point_jacobian, world_axes
+from apf.body.jacobian import (
+    bone_point_jacobian,
+    cone_motions,
+    cross_rows,
+    point_jacobian,
+    world_axes,
+)
 from apf.body.kinematics import bone_matrices, cross, posed_cones, posed_joints
 from apf.body.model import BodyModel, Bone, Cone, Joint, sideless
-from apf.initialisation.shape_model import SPREAD, place_points, surface_displacements
+from apf.initialisation.shape_model import SPREAD, end_displacements, place_points
 from psfs.cameras.camera import CameraRig
 from psfs.common.least_squares import REACH, robust_weights
 from psfs.common.numbers import pick_evenly
@@ -161,9 +167,11 @@ class PersonalShape:
         self.spread[self.n_built :] *= np.repeat(radii, _COEFFICIENTS) / np.sqrt(_HARMONICS)
         mirrors = [_mirror_cone(template, cone) for cone in template.cones]
         self._turns, self._swapped, self._share = map(np.array, zip(*mirrors, strict=True))
-        self._group = np.array(
+        #: (C,) the group of each cone, and (G, C) 1 for the cones of each group.
+        self.group = np.array(
             [template.radius_groups.index(sideless(c.name)) for c in template.cones]
         )
+        self.members = np.eye(len(template.radius_groups))[:, self.group]
 
     @staticmethod
     def _axes(name: str, parts: Sequence[Bone | Cone]) -> tuple[int, ...]:
@@ -248,9 +256,9 @@ class PersonalShape:
         return moved
 
     def bulges(self, cone: np.ndarray, coordinates: np.ndarray) -> np.ndarray:
-        """Return the derivatives (K, S - n_built) of the surface's distances from cones (K,), at
-        cone coordinates (K, 4), see `place_points`, by the coefficients: harmonics about the axis
-        on rings along it, and one for each cap."""
+        """Return the derivatives (K, _COEFFICIENTS) of the surface's distances from cones (K,), at
+        cone coordinates (K, 4), see `place_points`, by the coefficients of their groups: harmonics
+        about the axis on rings along it, and one for each cap."""
         own, along = _harmonics(coordinates), coordinates[:, 0]
         turned = np.column_stack(
             [
@@ -258,10 +266,7 @@ class PersonalShape:
                 (self._turns[cone] @ coordinates[:, 1:, None])[..., 0],
             ]
         )
-        values = own + self._share[cone][:, None] * (_harmonics(turned) - own)
-        bulged = np.zeros((len(cone), len(self.template.radius_groups), _COEFFICIENTS))
-        bulged[np.arange(len(cone)), self._group[cone]] = values
-        return bulged.reshape(len(cone), -1)
+        return np.asarray(own + self._share[cone][:, None] * (_harmonics(turned) - own))
 
 
 def _mirror_cone(body: BodyModel, cone: Cone) -> tuple[np.ndarray, bool, float]:
@@ -293,13 +298,13 @@ def _harmonics(coordinates: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class _Normal:
-    """The normal equations of the frame of a number: matrices pose by pose (D, D) and pose by
-    measures (D, S), weighted derivatives (S, K) by the measures, and gradients (D,), (S,)."""
+    """The normal equations of the frame of a number: matrices pose by pose (D, D), pose by measures
+    (D, S) and measures by measures (S, S), and gradients (D,), (S,)."""
 
     frame: int
     poses: np.ndarray
     mixed: np.ndarray
-    slopes: np.ndarray
+    measures: np.ndarray
     pull: np.ndarray
     gradient: np.ndarray
 
@@ -313,7 +318,7 @@ class _Normal:
         """Return the result of `eliminate`, and the normal equations (S, S), (S,) of the measures
         that are left."""
         response, step = self.eliminate()
-        matrix = self.slopes @ self.slopes.T - self.mixed.T @ response
+        matrix = self.measures - self.mixed.T @ response
         return response, step, matrix, self.gradient - self.mixed.T @ step
 
 
@@ -421,53 +426,78 @@ class PersonalFit:
         shape, template = self.shape, self.template
         body, n = shape.body(measures), template.n_dof
         cones = posed_cones(body, poses)
-        growths = (
-            shape.growths(measures, poses)
-            if free
-            else np.zeros((len(poses), 0, len(template.cones), 8))
-        )
+        growths = np.zeros((len(poses), 0, len(template.cones), 8))
+        if free:
+            growths = shape.growths(measures, poses)
         soles = cones[:, self._soles]
         lowest = (soles[..., [2, 6]] - soles[..., [3, 7]]).min((1, 2), initial=0.0)
         has_floor = bool(self._soles) and bool(np.median(lowest) > -_BELOW)
-        directions, anchors = world_axes(body, poses)
+        axes = world_axes(body, poses)
+        moves = cone_motions(body, axes)
+        if free:
+            ends = np.zeros((*growths.shape[:2], moves.shape[1], 6 + 8))
+            ends[..., 6:] = growths
+            moves = np.concatenate([np.pad(moves, [(0, 0)] * 3 + [(0, 8)]), ends.swapaxes(1, 2)], 2)
+        bulges = measures[shape.n_built :].reshape(-1, _COEFFICIENTS)
 
         def linearise(first: int) -> list[T]:
             block = range(first, min(first + _TOGETHER, len(poses)))
             several = outlines[block.start : block.stop]
             frame, cone, coordinates, normal, gap = nearest_outline(several, cones[block])
-            here = place_points(cones[block][frame, cone], coordinates)
+            mine = cones[block][frame, cone]
             bulged = shape.bulges(cone, coordinates)
-            gap = gap - bulged @ measures[shape.n_built :]
+            gap = gap - np.sum(bulged * bulges[shape.group[cone]], axis=1)
             root = np.sqrt(robust_weights(gap, reach / REACH) / SHARED) / NOISE
-            ends = np.cumsum([len(of) for of in several])
+            rows = [normal, cross_rows(place_points(mine, coordinates), normal)]
+            if free:
+                rows += [end_displacements(mine, coordinates, normal), bulged]
+            weighted = np.column_stack([*rows, -gap]) * root[:, None]
+            products = _multiply_alike(
+                frame * len(template.cones) + cone, weighted, len(block) * len(template.cones)
+            ).reshape(len(block), len(template.cones), *2 * weighted.shape[1:])
             used = []
-            for number, end in zip(block, ends, strict=True):
-                own = slice(end - len(outlines[number]), end)
-                pose, turns = poses[number], (directions[number], anchors[number])
-                rows = [point_jacobian(body, pose, cone[own], here[own], normal[own], turns)]
-                if free:
-                    on = cone[own], coordinates[own], normal[own]
-                    rows.append(surface_displacements(cones[number], growths[number], *on))
-                    rows.append(bulged[own].T)
-                slopes, gaps = np.concatenate(rows) * root[own], gap[own] * root[own]
+            for number, product in zip(block, products, strict=True):
+                matrix, vector = self._expand(moves[number], product)
                 if has_floor:
+                    turns = axes[0][number], axes[1][number]
                     sole, depth = self._find_sunken(
-                        body, pose, cones[number], growths[number], turns
+                        body, poses[number], cones[number], growths[number], turns
                     )
-                    rises = np.zeros((len(slopes), len(depth)))
-                    rises[: len(sole)] = sole / _SOLE
-                    slopes = np.concatenate([slopes, rises], 1)
-                    gaps = np.concatenate([gaps, depth / _SOLE])
-                matrix, vector = slopes[:n] @ slopes.T, -slopes @ gaps
-                by_pose = matrix[:, :n] + np.diag(self._prior + _DAMPING * np.diag(matrix))
-                pull = vector[:n] + self._prior * (pose - tracked[number])
-                used.append(
-                    use(_Normal(number, by_pose, matrix[:, n:], slopes[n:], pull, vector[n:]))
-                )
+                    matrix[: len(sole), : len(sole)] += sole @ sole.T / _SOLE**2
+                    vector[: len(sole)] -= sole @ depth / _SOLE**2
+                by_pose = matrix[:n, :n] + np.diag(self._prior + _DAMPING * np.diag(matrix)[:n])
+                pull = vector[:n] + self._prior * (poses[number] - tracked[number])
+                blocks = matrix[:n, n:], matrix[n:, n:]
+                used.append(use(_Normal(number, by_pose, *blocks, pull, vector[n:])))
             return used
 
         blocks = map_in_threads(linearise, range(0, len(poses), _TOGETHER))
         return [each for block in blocks for each in block]
+
+    def _expand(self, moves: np.ndarray, products: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the matrix (P, P) and the gradient (P,) of a frame's unknowns: the pose, and the
+        measures if they are free.
+
+        moves: (C, P', k) how the unknowns that move a cone do so. products: (C, k + c + 1, k + c +
+        1), sums over a cone's rays of the products of how a ray's distance depends on the cone's
+        motion, on the c coefficients of its surface, and of minus the distance.
+        """
+        size = moves.shape[2]
+        turned = moves @ products[:, :size]
+        matrix = np.tensordot(turned[..., :size], moves, ([0, 2], [0, 2]))
+        vector = turned[..., -1].sum(0)
+        if products.shape[1] == size + 1:
+            return matrix, vector
+        members = self.shape.members
+        mixed = np.tensordot(members, turned[..., size:-1], 1).swapaxes(0, 1)
+        mixed = mixed.reshape(len(matrix), -1)
+        own = np.zeros((*mixed.shape[1:], *mixed.shape[1:]))
+        sums = np.tensordot(members, products[:, size:-1, size:], 1)
+        for group, of in enumerate(sums):
+            place = slice(group * len(of), (group + 1) * len(of))
+            own[place, place] = of[:, :-1]
+        whole = np.block([[matrix, mixed], [mixed.T, own]])
+        return whole, np.concatenate([vector, sums[..., -1].ravel()])
 
     def _find_sunken(
         self,
@@ -526,6 +556,17 @@ def nearest_outline(
     normal = (direction[:, None] @ frames[frame, :, cone])[:, 0]
     scale = np.maximum(np.linalg.norm(normal, axis=1), 1e-9)
     return frame, cone, coordinates, normal / scale[:, None], signed[row, cone] / scale
+
+
+def _multiply_alike(key: np.ndarray, rows: np.ndarray, count: int) -> np.ndarray:
+    """Return the products (count, W, W) of the transposed rows (K, W) with themselves, of those of
+    each `key` (K,) from 0 on."""
+    order = np.argsort(key, kind="stable")
+    rows, ends = rows[order], np.searchsorted(key[order], np.arange(count + 1)).tolist()
+    products = np.empty((count, *2 * rows.shape[1:]))
+    for product, first, last in zip(products, ends, ends[1:], strict=False):
+        np.matmul(rows[first:last].T, rows[first:last], out=product)
+    return products
 
 
 def _pair_beside(body: BodyModel, joint: Joint) -> tuple[str, ...]:

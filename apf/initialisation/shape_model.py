@@ -114,15 +114,20 @@ def surface_displacements(
     cone: (K,) and coordinates: (K, 4) of the points, see `place_points`. growths: (S, C, 8), what
     the scales do to ends and radii; they do not turn the cones' sections.
     """
-    ends = cones[cone]
-    t = coordinates[:, 0:1]
-    outward = place_points(ends, coordinates) - (1 - t) * ends[:, 0:3] - t * ends[:, 4:7]
-    radius = (1 - t) * ends[:, 3:4] + t * ends[:, 7:8]
-    along = np.concatenate([normal, dot(normal, outward)[:, None] / radius], 1)
-    per_end = np.concatenate([(1 - t) * along, t * along], 1)
+    per_end = end_displacements(cones[cone], coordinates, normal)
     each = np.zeros((len(cone), *growths.shape[1:]))  # a product of matrices needs no gathered rows
     each[np.arange(len(cone)), cone] = per_end
     return growths.reshape(len(growths), -1) @ each.reshape(len(cone), -1).T
+
+
+def end_displacements(cones: np.ndarray, coordinates: np.ndarray, normal: np.ndarray) -> np.ndarray:
+    """Return the displacements (K, 8) along `normal` (K, 3) of points at `coordinates` (K, 4) on
+    cones (K, 16) per unit of the ends' coordinates and radii."""
+    t = coordinates[:, 0:1]
+    outward = place_points(cones, coordinates) - (1 - t) * cones[:, 0:3] - t * cones[:, 4:7]
+    radius = (1 - t) * cones[:, 3:4] + t * cones[:, 7:8]
+    along = np.concatenate([normal, dot(normal, outward)[:, None] / radius], 1)
+    return np.concatenate([(1 - t) * along, t * along], 1)
 
 
 def nearest_coordinates(points: np.ndarray, cones: np.ndarray) -> np.ndarray:

@@ -18,7 +18,7 @@ from apf.body.model import BodyModel
 from apf.body.surface import ALIKE, Surface, choose_spread_pose, normals
 from apf.initialisation.personal import NOISE, REACHES, SHARED, Outlines, nearest_outline
 from apf.initialisation.shape_model import place_points
-from psfs.common.cones import cone_distances
+from psfs.common.cones import cone_distances, largest_slopes
 from psfs.common.least_squares import REACH, robust_weights
 from psfs.common.numbers import pick_evenly
 from psfs.mesh.marching_cubes import extract_surface
@@ -26,6 +26,8 @@ from psfs.voxels.grid import VoxelGrid
 
 #: Edge of the voxels, m, that the cones' common surface is extracted from.
 _STEP = 0.01
+#: Voxels along the edge of a block, all of which are inside or outside if its middle is far so.
+_BLOCK = 8
 #: Standard deviation, m, of the surface's distance from the cones: clothes and hair.
 _SPREAD = 0.03
 #: Most frames that inform the surface; steps of its robust mean.
@@ -80,11 +82,20 @@ def join_cones(body: BodyModel, pose: np.ndarray) -> tuple[np.ndarray, np.ndarra
     reach = reach / np.linalg.norm(cones[:, 8:11], axis=1).min()
     ends = np.concatenate([cones[:, 0:3], cones[:, 4:7]])
     low, high = (ends - reach).min(0), (ends + reach).max(0)
-    nx, ny, nz = np.ceil((high - low) / _STEP).astype(int)
-    grid = VoxelGrid(low, _STEP, (int(nx), int(ny), int(nz)))
+    blocks = np.ceil((high - low) / (_STEP * _BLOCK)).astype(int)
+    nx, ny, nz = (blocks * _BLOCK).tolist()
+    grid = VoxelGrid(low, _STEP, (nx, ny, nz))
+    split = np.arange(nx * ny * nz).reshape(np.stack([blocks, 3 * [_BLOCK]], 1).ravel())
+    members = split.transpose(0, 2, 4, 1, 3, 5).reshape(np.prod(blocks), -1)
+    # The surface does not reach blocks whose middle is far inside a cone or away from all.
+    gaps = cone_distances(grid.centres(members[:, [0, -1]]).mean(1), cones)
+    far = largest_slopes(cones) * _STEP * (np.sqrt(3) / 2 * _BLOCK + 1)
+    near = ((gaps - far).min(1) < 3 * _STEP) & ((gaps + far).min(1) > 0)
     inside = np.empty(nx * ny * nz, np.float32)
-    for part in np.array_split(np.arange(len(inside)), nx):
-        gaps = cone_distances(grid.centres(part), cones) / _STEP
-        inside[part] = scipy.special.logsumexp(-gaps, axis=1)
+    inside[members] = -gaps.min(1, keepdims=True) / _STEP
+    for part in members[near]:
+        inside[part] = scipy.special.logsumexp(
+            -cone_distances(grid.centres(part), cones) / _STEP, 1
+        )
     mesh = extract_surface(inside.reshape(grid.shape), grid, threshold=0.0, debris=0.0)
     return np.asarray(mesh.vertices), np.asarray(mesh.faces)
