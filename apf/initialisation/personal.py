@@ -60,7 +60,7 @@ _HARMONICS = 3
 _COEFFICIENTS = _RINGS * (2 * _HARMONICS - 1) + 2
 #: Accuracy, m, of the height of a sole above the floor, z = 0, and distance, m, that tracked soles
 #: may lie below it: hulls are thicker than people.
-_SOLE, _BELOW = 0.005, 0.1
+_SOLE, FLOOR = 0.005, 0.1
 #: Distances, m, at which a ray counts a quarter, from the first step to the last.
 REACHES = np.geomspace(0.08, 0.03, 7)
 #: Frames that a thread works on at a time.
@@ -431,7 +431,7 @@ class PersonalFit:
             growths = shape.growths(measures, poses)
         soles = cones[:, self._soles]
         lowest = (soles[..., [2, 6]] - soles[..., [3, 7]]).min((1, 2), initial=0.0)
-        has_floor = bool(self._soles) and bool(np.median(lowest) > -_BELOW)
+        has_floor = bool(self._soles) and bool(np.median(lowest) > -FLOOR)
         axes = world_axes(body, poses)
         moves = cone_motions(body, axes)
         if free:

@@ -9,10 +9,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from apf.body.kinematics import posed_joints
+from apf.body.kinematics import posed_cones, posed_joints
 from apf.body.limbs import limb_joints, limb_masks, solve_inverse_kinematics
-from apf.body.model import BodyModel
+from apf.body.model import BodyModel, sideless
 from apf.body.stature import ANKLES
+from apf.initialisation.personal import FLOOR
 from psfs.common.numbers import find_true_runs
 
 #: Speed along the floor, m/s, and height, m, above the usual level of the lower foot's ankle below
@@ -28,6 +29,8 @@ _FADE = 0.12
 _LONGEST_SLIDE = 0.12
 #: Height, m, above the lowest one of the stance below which the heel is on the floor, too.
 _FLAT_HEIGHT = 0.025
+#: Steps that raise soles, and angle, rad, over which their slopes are taken.
+_STEPS, _SMALL = 4, 1e-4
 #: Distance, m, of an ankle from its place from which on the leg is moved.
 _NEAR = 5e-4
 
@@ -138,3 +141,34 @@ def _find_corrections(ankles: np.ndarray, times: np.ndarray, stands: np.ndarray)
                     smooth = share * share * (3 - 2 * share)
                     offsets[frame, foot] += smooth * offsets[edge, foot]
     return offsets
+
+
+def raise_soles(body: BodyModel, poses: np.ndarray) -> np.ndarray:
+    """Return poses (F, D) whose feet are turned about their ankles until their soles are above the
+    floor, z = 0, or level where they cannot be. Feet that do not turn stay, and all feet do where
+    the floor is elsewhere, see `FLOOR`."""
+    feet = [k for k, cone in enumerate(body.cones) if sideless(cone.name) == "foot"]
+    bones = [body.bones[body.cones[k].bone] for k in feet]
+    turning = [bone.axes for bone in bones if sideless(bone.name) == "foot"]
+    pitch = [axis.dof for axes in turning for axis in axes if axis.kind == "ry"]
+
+    def soles(poses: np.ndarray) -> np.ndarray:  # (F, K, 2) heights of the soles' ends
+        cones = posed_cones(body, poses)[:, feet]
+        return np.asarray(cones[..., [2, 6]] - cones[..., [3, 7]])
+
+    lowest = soles(poses).min((1, 2), initial=0.0)
+    if len(pitch) != len(feet) or not lowest.any() or np.median(lowest) < -FLOOR:
+        return poses
+    out, low, high = poses.copy(), body.lower[pitch], body.upper[pitch]
+    for _ in range(_STEPS):
+        heights, turned = soles(out), out.copy()
+        turned[:, pitch] += _SMALL
+        slopes = (soles(turned) - heights) / _SMALL
+        end = heights.argmin(-1)[..., None]
+        height, slope = (np.take_along_axis(of, end, -1)[..., 0] for of in (heights, slopes))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            up = np.nan_to_num(np.where(height < 0, -height / slope, 0.0))
+            level = np.nan_to_num(-np.diff(heights) / np.diff(slopes))[..., 0]
+        turns = np.where(np.abs(up) < np.abs(level), up, level * (height < 0))
+        out[:, pitch] = np.clip(out[:, pitch] + turns, low, high)
+    return out

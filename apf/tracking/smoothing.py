@@ -20,7 +20,12 @@ import scipy
 from apf.body.kinematics import posed_joints
 from apf.body.model import BodyModel, FreeAxis
 from apf.tracking.config import SmoothingConfig
-from apf.tracking.foot_contact import detect_standing, find_ankles, hold_feet
+from apf.tracking.foot_contact import (
+    detect_standing,
+    find_ankles,
+    hold_feet,
+    raise_soles,
+)
 from apf.tracking.track import Track
 from cl import InputError
 from psfs.common.numbers import find_true_runs
@@ -58,6 +63,7 @@ def smooth_track(track: Track, config: SmoothingConfig | None = None) -> Track:
     diagnostics = dict(track.diagnostics)
     if config.lag is None and config.hold_feet:
         poses, diagnostics["standing"] = _hold_feet(track, poses)
+        poses[~track.lost] = raise_soles(body, poses[~track.lost])
     provenance = json.loads(track.provenance)
     provenance["smoothing"] = {
         "mode": "whole sequence" if config.lag is None else "fixed lag",

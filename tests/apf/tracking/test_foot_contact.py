@@ -8,11 +8,15 @@ import numpy as np
 import pytest
 from helpers.striders import SONG, Stride, strider, track_of_poses
 
+from apf.body.kinematics import posed_cones
+from apf.body.limbs import add_ankles
+from apf.body.stature import lowest_point
 from apf.body.toml import load_body
 from apf.tracking.foot_contact import (
     detect_flat_feet,
     detect_standing,
     find_ankles,
+    raise_soles,
 )
 from apf.tracking.smoothing import SmoothingConfig, smooth_track
 from apf.tracking.track import Track
@@ -122,3 +126,20 @@ def test_bodies_without_feet() -> None:
     track = track_of_poses(body, np.tile(body.rest_pose, (20, 1)))
     held = smooth_track(track)
     assert not find_ankles(body) and held.standing.shape == (20, 2) and not held.standing.any()
+
+
+def test_soles_that_can_turn_stay_above_the_floor() -> None:
+    body = add_ankles(SONG)
+    poses = np.tile(body.rest_pose, (40, 1))
+    cones = posed_cones(body, poses)[0]
+    poses[:, 2] -= lowest_point(cones)  # it stands
+    pitch = [body.dof_names.index(f"{side}_foot.ry") for side in "lr"]
+    poses[:, pitch[0]] = np.linspace(-0.1, 0.4, 40)  # toes down, through the floor
+    raised = raise_soles(body, poses)
+    others = np.delete(np.arange(body.n_dof), pitch)
+    np.testing.assert_array_equal(raised[:, others], poses[:, others])
+    assert min(lowest_point(of) for of in posed_cones(body, poses)) < -0.04
+    assert min(lowest_point(of) for of in posed_cones(body, raised)) > -0.003
+    np.testing.assert_array_equal(raise_soles(SONG, poses[:, : SONG.n_dof]), poses[:, : SONG.n_dof])
+    poses[:, 2] -= 1  # a floor elsewhere says nothing
+    np.testing.assert_array_equal(raise_soles(body, poses), poses)
