@@ -8,6 +8,8 @@ import numpy as np
 import scipy
 
 from apf.body.model import BodyModel
+from apf.body.schema import TALLEST
+from apf.body.stature import stature
 from apf.initialisation.body_fit import Fitted, PointEvidence, fit_body
 from apf.initialisation.from_joints import stand_at_points
 from apf.initialisation.shape_model import ShapeModel
@@ -106,8 +108,15 @@ def start_from_keypoints(
         keypoint_model = _calibrate_errors(model, evidence, fit, confidence, points)
         errors = np.where(known, keypoint_model.scale(confidence), np.inf)
         evidence = replace(evidence, errors=errors)
+    body = model.body(fit.shape)
+    if (tall := stature(body)) > TALLEST:
+        raise StartError(
+            f"the keypoints show somebody {tall:.3g} m high; expected at most {TALLEST:g} m: in "
+            f"what unit is the calibration? State it as --unit; about {1.7 / tall:.2g} times what "
+            "it is now would fit"
+        )
     return KeypointStart(
-        model.body(fit.shape), np.array(frames)[chosen], fit.poses,
+        body, np.array(frames)[chosen], fit.poses,
         _choose_anchor(model, evidence, fit), keypoint_model, keypoints,
     )  # fmt: skip
 

@@ -30,7 +30,6 @@ from psfs.footage.camera_times import MOST_DRIFT
 from psfs.footage.settings import split_delays
 from psfs.sequence import Sequence
 from psfs.session import Session
-from psfs.volume import find_volume
 
 log = logging.getLogger(__name__)
 
@@ -184,9 +183,7 @@ def _correct_rig(session: Session, diagnosis: Diagnosis) -> Session:
     """Return a session whose rig has the pixels hidden by furniture and corrected directions."""
     hidden = find_hidden_pixels(session)
     if hidden is not None:
-        volume = find_volume(session)
         session = session.with_sequence(session.sequence.with_rig(session.rig.with_hidden(hidden)))
-        session.replace_result(find_volume, volume)
     found = correct_rig(session, diagnosis.views)
     if found is None:
         return session
