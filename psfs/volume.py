@@ -26,6 +26,8 @@ VOLUME_SAMPLES = 8
 VOLUME_MARGIN = 0.06
 #: Voxels along the longest side of the volume in the coarse search, and the least margin in them.
 _COARSE, _MARGIN_VOXELS = 64, 1.5
+#: Height, m, to which people's heads reach.
+_HEIGHT = 2.0
 #: Depth, m, below FLOOR beyond which visible parts count nevertheless: people reach 0.1 m.
 _FLOOR_DEPTH = 0.25
 
@@ -62,8 +64,8 @@ def find_volume(session: Session) -> Volume:
 
     Without a stated volume, the scene within reach of the cameras is reconstructed coarsely in some
     frames spread over the selection. The volume is the box around the largest connected part of
-    each of these frames, with a margin. It ends at the floor only if the reconstructed parts do,
-    and the subject is a person. Raises InputError if no frame shows foreground.
+    each of these frames, with a margin. If the subject is a person, and no part is below the floor,
+    it reaches from there to people's height. Raises InputError if no frame shows foreground.
     """
     return session.compute_once(find_volume, lambda: _find_box(session))
 
@@ -115,10 +117,11 @@ class BoxSearch:
         box = self._within(everywhere)
         if box is not None and box[0][2] <= lowest:  # else `above`, smaller, gives the same
             box = self._within(box)  # finer voxels resolve parts smaller than coarse ones
-        if box is not None and box[0][2] > lowest:
-            box = self._within(above)
-            return None if box is None else self._within(box)
-        return box
+        if box is None or box[0][2] <= lowest:
+            return box
+        box = self._within(above)
+        box = None if box is None else self._within(box)
+        return None if box is None else _stand_on_floor(box, float(above[1][2]))
 
     def _within(self, box: Box) -> Box | None:
         """Return the box around the occupied voxels in `box`, with a margin."""
@@ -129,6 +132,14 @@ class BoxSearch:
             return None
         margin = np.maximum(VOLUME_MARGIN * (found[1] - found[0]), _MARGIN_VOXELS * grid.voxel_size)
         return np.maximum(found[0] - margin, low), np.minimum(found[1] + margin, high)
+
+
+def _stand_on_floor(box: Box, most: float) -> Box:
+    """Return the box, m, down to the floor and as high as people are, at most to the height `most`:
+    feet or head may be hidden, or look like the background, in the frames that were examined."""
+    low, high = box[0].copy(), box[1].copy()
+    low[2], high[2] = FLOOR, max(high[2], min(_HEIGHT, most))
+    return low, high
 
 
 def describe_expected_person(sequence: Sequence) -> str:

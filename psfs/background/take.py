@@ -47,8 +47,7 @@ from psfs.footage.media import Media
 
 #: Height of the floor, m.
 _FLOOR = 0.0
-#: Longest side of the small pictures in which people are searched, px; half as long where a film
-#: of the empty scene shows what is behind them.
+#: Longest side of the small pictures in which people are searched, px.
 _LONGEST_SIDE = 320
 #: Greatest size of the frames of all views that are in memory at a time, bytes, with as many more
 #: frames as the moments of a film are large.
@@ -98,7 +97,7 @@ def estimate_background_from_take(
     pictures, see `find_covered`. The background behind a person who covers it in nearly all frames
     is unknown; it is extrapolated from around, or its density is lower than the foreground's.
     """
-    factor = rig.factor_within(_LONGEST_SIDE // (2 if films else 1))
+    factor = rig.factor_within(_LONGEST_SIDE)
     numbers = pick_evenly(min(item.count for item in media), SAMPLES).tolist()
     n_bytes = 3 * (len(numbers) + _OF_MOMENTS) * rig.width * rig.height
     at_once = max(1, min(_READ_BYTES // n_bytes, os.cpu_count() or 1))

@@ -26,7 +26,7 @@ from psfs.silhouettes.config import SilhouetteConfig
 from psfs.volume import find_volume
 from psfs.voxels.config import OccupancyConfig
 from psfs.voxels.grid import VoxelGrid
-from psfs.voxels.occupied_box import FLOOR, CoarseSpace, finest_pixel, look_up
+from psfs.voxels.occupied_box import CoarseSpace, finest_pixel, look_up
 
 #: Examined frames, spread over the sequence.
 _SAMPLES = 64
@@ -44,7 +44,7 @@ _MARGIN = 3
 #: Greatest number of voxels of the grid around the person.
 _VOXELS = 600_000
 #: Share of its size by which the box of the visible person is enlarged: hands may be hidden in all
-#: frames, as may be all that is between them and the floor.
+#: frames.
 _ENLARGED = 0.15
 
 
@@ -73,8 +73,6 @@ def find_hidden_pixels(session: Session) -> np.ndarray | None:
     if sequence.volume is None:
         margin = _ENLARGED * (high - low)
         low, high = low - margin, high + margin
-        if sequence.subject != "object":
-            low[2] = min(low[2], FLOOR)
     small = find_hidden_in_box(shrink.small, evidence, low, high)
     if small is None:
         return None
