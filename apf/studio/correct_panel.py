@@ -40,6 +40,7 @@ _WAYS = (_DRAG, _TURN, _POINT)
 _MOVE = "move this joint"
 _FIRST = ("wrist", "elbow", "hand", "ankle", "knee", "foot")
 _SIZE = 0.35  # of a handle, m
+_FIRST_STEP = "Go to a frame with a joint that is wrong, and choose the joint."
 
 
 class CorrectPanel:
@@ -77,7 +78,7 @@ class CorrectPanel:
         self.again = gui.add_button("track again", disabled=True)
         self.list: Any = gui.add_html("")
         self.place.on_click(lambda event: self.toggle_handle())
-        self.cancel.on_click(lambda event: self._remove_handle())
+        self.cancel.on_click(lambda event: self.put_back())
         self.bad.on_click(lambda event: self.mark_bad())
         self.undo.on_click(lambda event: self.take_back())
         self.again.on_click(lambda event: self.track_again())
@@ -104,7 +105,7 @@ class CorrectPanel:
         self.joint.options = list(self._joints)
         self.joint.value = self.joint.options[0]
         self.corrections = Corrections(opened.folder)
-        self._message.content = make_text("Choose a joint that is wrong in this frame (J, L, N).")
+        self._message.content = make_text(_FIRST_STEP)
         self._tell()
 
     def toggle_handle(self) -> None:
@@ -121,9 +122,17 @@ class CorrectPanel:
         self._watch.time_line.seek(self._watch.time_line.position)  # pause
         if self.way.value == _POINT:
             self._rays, self._clicked = {}, self._watch.frame
+            self.cancel.visible = True
             self._tell_pointing("")
             return
         self._add_handle(self._watch.opened.track, row)
+
+    def put_back(self) -> None:
+        """Leave the joint where it was tracked."""
+        self._remove_handle()
+        self._message.content = make_text(_FIRST_STEP)
+        if self._watch is not None:
+            self._watch.time_line.refresh()
 
     def _find_row(self, watch: TrackWatch) -> int | None:
         """Return the track's row of the frame that is shown; say so if it was not tracked."""
@@ -214,8 +223,11 @@ class CorrectPanel:
         if self._watch is None or self.corrections is None:
             return
         try:
-            request = _repeat_request(self._watch.opened, self.write())
+            path = self.write()
+            request = _repeat_request(self._watch.opened, path)
             self._start(request, len(self._watch.opened.frames))
+            said = f"Saved in {path}. Tab Track: tracking again, into a folder of its own."
+            self._message.content = make_text(said)
         except UserError as error:
             self._say(error)
 

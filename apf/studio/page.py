@@ -22,6 +22,7 @@ from cl import InputError, UserError
 from psfs.cli.program import describe
 from psfs.common.files import read_json
 from psfs.page.clouds import open_voxels
+from psfs.page.drop import receive_files
 from psfs.page.server import BrowserPage
 from psfs.page.watch import Watch
 from psfs.page.words import make_lines, make_steps, make_text
@@ -40,10 +41,10 @@ _KINDS = {
 _NOTHING, _LIVE = "(choose)", "the cameras, live"
 #: The way from footage to a file, and what to do at each of its steps.
 _STEPS = {
-    "Open": "Choose a folder of videos or of results, or make the demo walk.",
+    "Open": "Drop videos onto the page, choose a folder of videos or results, or make a demo walk.",
     "Calibrate": "Choose what all cameras have filmed, and calibrate; or use known cameras.",
     "Track": "At the left, raise silhouettes: do they show the person? Then tab Track: track.",
-    "Check": "Tab Watch: play; N goes to the next frame to check. Then tab Save.",
+    "Check": "Press play; N goes to the next frame to check. Then tab Save.",
     "Save": "The files are among the browser's downloads.",
 }
 
@@ -66,7 +67,7 @@ class Page(BrowserPage):
         self.roots, self._make_device, self._results = roots, make_device, results
         self._device, self._stopping = device, False
         self._demo = WorkSlot()
-        super().__init__("psfs-apf studio", port)
+        super().__init__("psfs-apf studio", port, self._receive)
         self._lock = threading.RLock()
         self.watch: Watch | None = None
         self.footage: FootageView | None = None
@@ -78,10 +79,13 @@ class Page(BrowserPage):
         self.pictures = self.add_pictures(TrackWatch.beside_label)
         self._steps: Any = gui.add_html("")
         self._add_open(gui)
+        self._line: Any = gui.add_folder("time line", visible=False)  # in sight in every tab
         tabs = gui.add_tab_group()
         self.watching, running = tabs.add_tab("Watch"), tabs.add_tab("Track")
-        with self.watching:
-            self._empty = gui.add_html(make_text("What you open is shown here."))
+        self._empty: list[Any] = []
+        for panel in (self.watching, self.pictures):
+            with panel:
+                self._empty.append(gui.add_html(make_text("What you open is shown here.")))
         with running:
             self.run = RunPanel(gui, results, device, self._show_run, self.say)
         with tabs.add_tab("Correct"):
@@ -108,17 +112,18 @@ class Page(BrowserPage):
             self.close_folder()
             self._choose_in_list(path)
             self._message.content, self.demo_button.visible = "", False
-            self._empty.visible = False
+            self._show_empty(False)
             server, panels = self.server, (self.watching, self.pictures)
+            self._line.visible = kind in ("track", "voxels")
             if kind == "track":
                 opened = open_track(
                     path, self._make_device, self._show_carved, self.run.find_running(path)
                 )
-                self.watch = TrackWatch(server, opened, *panels)
+                self.watch = TrackWatch(server, opened, *panels, self._line)
                 self._offer()
                 self._show_step("Check")
             elif kind == "voxels":
-                self.watch = Watch(server, open_voxels(path), *panels)
+                self.watch = Watch(server, open_voxels(path), *panels, self._line)
             elif kind == "take":
                 self._open_footage(Sequence.open(path))
             elif kind == "views":
@@ -140,7 +145,7 @@ class Page(BrowserPage):
             assert self._captures is not None
             self.close_folder()
             self._message.content, self.demo_button.visible = "", False
-            self._empty.visible = False
+            self._show_empty(False)
             self._opened = self._folder.value = _LIVE
             self.film = FilmView(
                 self.server, self._captures, (self.watching, self.pictures),
@@ -158,9 +163,14 @@ class Page(BrowserPage):
                 if shown is not None:
                     shown.close()
             self.watch = self.footage = self.calibrate = self.film = None
+            self._line.visible = False
             self._offer()
-            self._empty.visible = True
+            self._show_empty(True)
             self._show_step("Open")
+
+    def _show_empty(self, visible: bool) -> None:
+        for note in self._empty:
+            note.visible = visible
 
     def _open_footage(self, sequence: Sequence) -> None:
         panels = self.watching, self.pictures
@@ -279,6 +289,15 @@ class Page(BrowserPage):
                 self.watch.show_layer("voxels")
         except UserError as error:  # its first part is just being replaced
             self.say(error)
+
+    async def _receive(self, connection: Any) -> None:
+        """Take the files that are dropped onto the page into a folder of the results, and open it
+        in a thread of its own: viser's answers the browser."""
+
+        def show(folder: Path) -> None:
+            threading.Thread(target=self._show_run, args=(folder,), daemon=True).start()
+
+        await receive_files(connection, lambda: free_folder(self._results, "dropped"), show)
 
     def _show_carved(self, frame: int) -> None:
         if (watch := self.watch) is not None:

@@ -31,11 +31,16 @@ class TrackWatch(Watch):
     opened: OpenedTracks
 
     def __init__(
-        self, server: viser.ViserServer, opened: OpenedTracks, panel: Any, beside: Any
+        self,
+        server: viser.ViserServer,
+        opened: OpenedTracks,
+        panel: Any,
+        beside: Any,
+        line: Any = None,
     ) -> None:
         # They are computed at each call.
         self._lost_limbs = {name: track.lost_limbs for name, track in opened.tracks.items()}
-        super().__init__(server, opened, panel, beside)
+        super().__init__(server, opened, panel, beside, line)
 
     def _add_nodes(self, scene: viser.SceneApi) -> None:
         self.bodies = {

@@ -14,12 +14,13 @@ import io
 import logging
 import secrets
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Awaitable, Callable, Iterator
 from contextlib import contextmanager, redirect_stdout
 from typing import TYPE_CHECKING, Any
 
 from cl import InputError
 from cl.errors import pip_command
+from psfs.page import drop
 from psfs.page.timeline import add_key
 
 if TYPE_CHECKING:
@@ -31,6 +32,7 @@ HOST = "127.0.0.1"
 #: pretends to be this one.
 _HOSTS = (HOST, "localhost")
 _ONE_AT_A_TIME = threading.Lock()
+Receive = Callable[[Any], Awaitable[None]]
 
 
 class MissingViserError(InputError):
@@ -39,10 +41,11 @@ class MissingViserError(InputError):
 
 class Gate:
     """The check of each request: its path begins with the token, and its host is this machine.
-    title: of the page, as the browser's tab has it."""
+    title: of the page, as the browser's tab has it. receive: takes the connection of files that are
+    dropped onto the page, see `psfs.page.drop`; without it they are not taken."""
 
-    def __init__(self, title: str = "psfs-apf") -> None:
-        self.token, self.title = secrets.token_urlsafe(24), title
+    def __init__(self, title: str = "psfs-apf", receive: Receive | None = None) -> None:
+        self.token, self.title, self.receive = secrets.token_urlsafe(24), title, receive
 
     def strip_token(self, path: str, host: str) -> str | None:
         """Return the `path` of a request without the token; None if the request is to be refused.
@@ -124,8 +127,14 @@ def _serve_with_checks(gate: Gate) -> Iterator[None]:
     serve: Callable[..., object] = serving.serve
 
     def serve_checked(
-        *args: object, process_request: Callable[..., Any], **options: object
+        handler: Receive, *args: object, process_request: Callable[..., Any], **options: object
     ) -> object:
+        async def handle(connection: Any) -> None:
+            if connection.request.path != drop.PATH:
+                await handler(connection)
+            elif gate.receive is not None:
+                await gate.receive(connection)
+
         def check(connection: Any, request: Any) -> Any:
             path = gate.strip_token(request.path, request.headers.get("Host", ""))
             if path is None:
@@ -136,11 +145,13 @@ def _serve_with_checks(gate: Gate) -> Iterator[None]:
             del request.headers["Accept-Encoding"]  # its page is to be read
             answer = process_request(connection, request)
             answer.body = answer.body.replace(b"<title>Viser", b"<title>" + gate.title.encode())
+            if gate.receive is not None:
+                answer.body = answer.body.replace(b"</head>", drop.SCRIPT.encode() + b"</head>")
             del answer.headers["Content-Length"]
             answer.headers["Content-Length"] = str(len(answer.body))
             return answer
 
-        return serve(*args, process_request=check, **options)
+        return serve(handle, *args, process_request=check, **options)
 
     serving.serve = serve_checked  # type: ignore[assignment,misc]
     try:
@@ -160,10 +171,10 @@ def _status(port: int, path: str) -> int:
 
 
 class BrowserPage:
-    """An empty page. label: above its panels. port: see `start_server`."""
+    """An empty page. label: above its panels. port: see `start_server`. receive: see `Gate`."""
 
-    def __init__(self, label: str, port: int = 0) -> None:
-        self.gate = Gate(label)
+    def __init__(self, label: str, port: int = 0, receive: Receive | None = None) -> None:
+        self.gate = Gate(label, receive)
         self.server = start_server(port, self.gate)
         gui = self.server.gui
         self._choose_theme(False)

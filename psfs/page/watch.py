@@ -34,8 +34,8 @@ _SIZE, _PATIENCE, _SLOW = (9, 16), 5.0, 0.4
 class Watch:
     """A run's voxels on the page, shown until `close`; a subclass adds what was tracked in them.
 
-    server: viser's. opened: see `Opened`; it is closed with this. panel: the tab of the time line.
-    beside: the tab of pictures.
+    server: viser's. opened: see `Opened`; it is closed with this. panel: the tab of what is shown.
+    beside: the tab of pictures. line: where the time line stands; by default in `panel`.
     """
 
     #: What can be shown and hidden, in the order of the keys 1, 2, ...
@@ -43,7 +43,9 @@ class Watch:
     #: The name of the tab `beside`.
     beside_label = "Pictures"
 
-    def __init__(self, server: viser.ViserServer, opened: Opened, panel: Any, beside: Any) -> None:
+    def __init__(
+        self, server: viser.ViserServer, opened: Opened, panel: Any, beside: Any, line: Any = None
+    ) -> None:
         self._server, self.opened = server, opened
         self._closed, self._reader = threading.Event(), None
         self._position, self._status_time, self._timed = -1, 0.0, False
@@ -51,6 +53,8 @@ class Watch:
         #: Called with a camera's index and the direction of what was clicked in its picture.
         self.pointed: Callable[[int, np.ndarray], object] = lambda view, way: None
         self._add_nodes(server.scene)
+        with line or panel:
+            self._add_time_line(server.gui)
         with panel:
             self._add_controls(server.gui)
         with beside:
@@ -75,12 +79,14 @@ class Watch:
         self._server.initial_camera.position = position
         scene.set_up_direction("+z")
 
-    def _add_controls(self, gui: viser.GuiApi) -> None:
-        clouds = self.opened.clouds
+    def _add_time_line(self, gui: viser.GuiApi) -> None:
         self._status = gui.add_html("")
         self.time_line = TimeLine(
             gui, self.opened.frames, self.opened.fps, self._show, self._find_stops()
         )
+
+    def _add_controls(self, gui: viser.GuiApi) -> None:
+        clouds = self.opened.clouds
         self._boxes: dict[str, Any] = {
             name: gui.add_checkbox(
                 name,
