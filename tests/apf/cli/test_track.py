@@ -30,8 +30,13 @@ def track(folder: Path, out: Path, *more: str) -> int:
     return main(["track", str(folder), "-o", str(out), *SMALL, *truth, *more])
 
 
-def test_everything_is_written(walk: Path, tmp_path: Path) -> None:
-    assert track(walk, tmp_path / "out") == 0
+def test_everything_is_written_and_judged_and_reports_made_again(
+    walk: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The last lines say what summary.json holds; `apf report` gives the same again."""
+    out = tmp_path / "out"
+    assert track(walk, out) == 0
+    said = capsys.readouterr().out.splitlines()
     names = {path.name for path in (tmp_path / "out").iterdir()}
     assert names == {
         "manifest.txt",
@@ -55,6 +60,25 @@ def test_everything_is_written(walk: Path, tmp_path: Path) -> None:
     assert body.joint_names == list(found.joint_names)
     video = cv2.VideoCapture(str(tmp_path / "out" / "overlay.mp4"))
     assert video.get(cv2.CAP_PROP_FRAME_COUNT) == FRAMES
+
+    summary = json.loads((out / "summary.json").read_text())
+    assert said[-1] == f"wrote {', '.join(summary['files'])}"
+    assert said[1:-1] == summary["says"] and said[1].startswith("the track l")
+    assert names - {"manifest.txt"} == set(summary["files"])
+    assert summary["complete"] and summary["frames"] == 5
+    assert set(summary["quality"]["body_iou"]) == {"cam01", "cam02", "cam03", "cam04"}
+    assert summary["body"]["height_m"] == pytest.approx(1.75, abs=0.15)
+
+    page = (out / "report.html").read_bytes()
+    (out / "report.html").unlink()
+    (out / "overlay.mp4").unlink()
+    assert main(["report", str(out)]) == 0
+    assert capsys.readouterr().out.splitlines()[-1] == f"wrote {out / 'report.html'}"
+    again = json.loads((out / "summary.json").read_text())
+    assert again["quality"] == summary["quality"]
+    assert (out / "overlay.mp4").exists()
+    # the encoder of the video in the page does not promise the same bytes
+    assert len((out / "report.html").read_bytes()) == pytest.approx(len(page), rel=1e-3)
 
 
 @pytest.fixture(scope="module")

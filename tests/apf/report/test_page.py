@@ -27,7 +27,6 @@ from psfs.voxels.grid import VoxelCloud, VoxelGrid
 FRAMES = 200
 #: Bytes, of a page of so many frames.
 MOST = 15_000_000
-SMALL = ["--particles", "60", "--layers", "5", "--voxel-size", "0.04"]
 
 
 def quality_of(n_frames: int, n_voxels: int) -> Quality:
@@ -180,33 +179,6 @@ def test_videos_are_made_to_fit(tmp_path: Path) -> None:
     (tmp_path / "text.mp4").write_text("no video")
     with pytest.raises(InputError, match=r"text\.mp4: cannot be read as a video"):
         encode_page_video(tmp_path / "text.mp4")
-
-
-def test_tracks_are_judged_and_reports_made_again(
-    walk: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """The last lines say what summary.json holds; `apf report` gives the same again."""
-    out, init = tmp_path / "out", ["--init", str(walk / "truth.npz")]
-    assert main(["track", str(walk), "-o", str(out), *SMALL, *init]) == 0
-    said = capsys.readouterr().out.splitlines()
-    summary = json.loads((out / "summary.json").read_text())
-    assert said[-1] == f"wrote {', '.join(summary['files'])}"
-    assert said[1:-1] == summary["says"] and said[1].startswith("the track l")
-    assert {path.name for path in out.iterdir()} - {"manifest.txt"} == set(summary["files"])
-    assert summary["complete"] and summary["frames"] == 5
-    assert set(summary["quality"]["body_iou"]) == {"cam01", "cam02", "cam03", "cam04"}
-    assert summary["body"]["height_m"] == pytest.approx(1.75, abs=0.15)
-
-    page = (out / "report.html").read_bytes()
-    (out / "report.html").unlink()
-    (out / "overlay.mp4").unlink()
-    assert main(["report", str(out)]) == 0
-    assert capsys.readouterr().out.splitlines()[-1] == f"wrote {out / 'report.html'}"
-    again = json.loads((out / "summary.json").read_text())
-    assert again["quality"] == summary["quality"]
-    assert (out / "overlay.mp4").exists()
-    # the encoder of the video in the page does not promise the same bytes
-    assert len((out / "report.html").read_bytes()) == pytest.approx(len(page), rel=1e-3)
 
 
 def test_reports_of_what_is_no_track(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
