@@ -23,8 +23,10 @@ from apf.report import PAGE
 from apf.synthetic.config import SceneConfig
 from apf.tracking.config import (
     EXPORTS,
+    MESHES,
     OF_POINTS,
     OPENSIM,
+    USD,
     SmoothingConfig,
     TriangulatedConfig,
 )
@@ -583,7 +585,8 @@ class ExportRequest(Request):
         tuple[str, ...] | None,
         Flag(f"{', '.join(EXPORTS)} (default: all; of a track without a body "
              f"{', '.join(OF_POINTS)}), or {OPENSIM}: a scaled OpenSim model and its inverse "
-             "kinematics", "FORMAT", nargs="+", choices=(*EXPORTS, OPENSIM)),
+             f"kinematics, {USD}: the person's surface, {' or '.join(MESHES)}: that of each frame",
+             "FORMAT", nargs="+", choices=(*EXPORTS, OPENSIM, USD, *MESHES)),
     ] = None  # fmt: skip
     osim_model: Annotated[
         Path | None,

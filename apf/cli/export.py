@@ -10,7 +10,7 @@ from apf.body.limbs import limb_names
 from apf.cli.opened_track import open_given_tracks, stated_cutoff
 from apf.formats.opensim.setup import ANGLES, INVERSE_KINEMATICS, SCALING
 from apf.request import ExportRequest
-from apf.tracking.config import EXPORTS, OPENSIM
+from apf.tracking.config import EXPORTS, MESH_FOLDER, MESHES, OPENSIM, USD
 from apf.tracking.motion_files import Export, export
 from apf.tracking.people import holds_people, person_folder
 from apf.tracking.track import spans
@@ -75,12 +75,15 @@ def print_export(written: Export, wanted: Collection[str], seen: np.ndarray) -> 
         )
     elif "gait" in wanted:
         stdout.print("gait: no walk of two steps in this track")
-    if "person" in wanted and track.surface is None and track.dof_names:
-        stdout.print("person.glb: the track holds no surface; apf track measures it")
+    if {"person", USD, *MESHES} & {*wanted} and track.surface is None and track.dof_names:
+        stdout.print("the track holds no surface of the person; apf track measures it")
     names = {path.name for path in written.files}
     if INVERSE_KINEMATICS in names and ANGLES not in names:
         stdout.print(
             "OpenSim is not installed in this Python: its set-up alone was written; run "
             f"`opensim-cmd run-tool` with {SCALING}, then with {INVERSE_KINEMATICS}"
         )
-    stdout.print("wrote " + ", ".join(str(path) for path in written.files))
+    meshes = [path for path in written.files if path.parent.name == MESH_FOLDER]
+    alone = [str(path) for path in written.files if path not in meshes]
+    several = [f"{len(meshes)} meshes in {meshes[0].parent}"] if meshes else []
+    stdout.print("wrote " + ", ".join(alone + several))

@@ -15,14 +15,13 @@ from typing import Any
 
 import numpy as np
 
-from apf.body.kinematics import bone_matrices
 from apf.body.limbs import limb_names
 from apf.body.mesh import MAX_BONES, BodyMesh, rounded_mesh
 from apf.body.model import find_side
 from apf.body.surface import Surface, normals
 from apf.formats.bvh import is_translating
 from apf.formats.motion import BodyMotion
-from apf.formats.skeleton import TO_Y_UP, Skeleton, build_skeleton
+from apf.formats.skeleton import Skeleton, build_skeleton
 from psfs.common.files import write_atomically
 from psfs.mesh.marching_cubes import to_linear
 
@@ -46,9 +45,7 @@ def write_glb(path: str | Path, motion: BodyMotion, surface: Surface | None = No
         origins, turned = skeleton.places()[nodes], np.tile(np.eye(3), (len(nodes), 1, 1))
     else:
         mesh, colours = surface.bind(body), surface.colours
-        rotations, places = (of[0, bones] for of in bone_matrices(body, surface.pose[None]))
-        turned = TO_Y_UP @ rotations @ skeleton.rest[bones].transpose(0, 2, 1)
-        origins = places @ TO_Y_UP.T
+        origins, turned = skeleton.bind(body, surface.pose, bones)
     bind = file.add(_inverse_bind_matrices(origins, turned), "MAT4")
     file.model["skins"] = [{"joints": nodes, "inverseBindMatrices": bind}]
     _add_mesh(file, skeleton, bones, mesh, (origins, turned), colours)
@@ -109,7 +106,7 @@ def _add_nodes(file: _File, skeleton: Skeleton, motion: BodyMotion) -> None:
     """Add the nodes in their first frame's pose, and then the node of the mesh."""
     first = motion.poses[:1] if len(motion.poses) else motion.body.rest_pose[None]
     rotations, positions = skeleton.motion(motion.body, first)
-    turned = _quaternions(rotations[0])
+    turned = make_quaternions(rotations[0])
     nodes = [
         {
             "name": node.name,
@@ -185,7 +182,7 @@ def _add_animation(file: _File, skeleton: Skeleton, motion: BodyMotion) -> None:
     for index, node in enumerate(skeleton.nodes):
         if node.bone is None:
             continue
-        curves = {"rotation": _quaternions(rotations[:, index])}
+        curves = {"rotation": make_quaternions(rotations[:, index])}
         if is_translating(motion.body, node.bone):
             curves["translation"] = positions[:, index]
         for path, curve in curves.items():
@@ -207,7 +204,7 @@ def _inverse_bind_matrices(origins: np.ndarray, turned: np.ndarray) -> np.ndarra
     return matrices
 
 
-def _quaternions(rotations: np.ndarray) -> np.ndarray:
+def make_quaternions(rotations: np.ndarray) -> np.ndarray:
     """Return unit quaternions (F, 4), x y z w, of rotations (F, 3, 3), without sign changes."""
     from scipy.spatial.transform import Rotation
 

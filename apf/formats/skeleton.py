@@ -9,7 +9,7 @@ LeftHand, ...
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -67,6 +67,14 @@ class Skeleton:
         for node in self.nodes:
             places.append(node.offset + (places[node.parent] if node.parent >= 0 else 0))
         return np.array(places)
+
+    def bind(
+        self, body: BodyModel, pose: np.ndarray, bones: Sequence[int]
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return origins (J, 3) m and rotations (J, 3, 3) of the nodes of `bones` in a `pose`."""
+        rotations, origins = (of[0, list(bones)] for of in bone_matrices(body, pose[None]))
+        turned = TO_Y_UP @ rotations @ self.rest[list(bones)].transpose(0, 2, 1)
+        return origins @ TO_Y_UP.T, turned
 
     def motion(self, body: BodyModel, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return rotations (F, N, 3, 3) and positions (F, N, 3) m of the nodes relative to their

@@ -93,5 +93,7 @@ EXPORTS = {
 #: Written on request alone, into a folder of this name: for OpenSim, a model scaled to the body and
 #: its inverse kinematics, see `apf.formats.opensim`.
 OPENSIM, OPENSIM_FOLDER = "osim", "opensim"
+#: Written on request alone, too: the person's surface as USD, or a mesh per frame into a folder.
+USD, MESHES, MESH_FOLDER = "usd", ("ply", "obj"), "meshes"
 #: The formats that need joint positions only, no body model.
 OF_POINTS = ("c3d", "trc", "gait")

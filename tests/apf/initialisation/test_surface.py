@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pygltflib
 import pytest
+import trimesh
 from helpers import bodies
 from helpers.gltf import gltf_nodes, gltf_values
 from helpers.outlines import outlines_of
@@ -87,3 +88,16 @@ def test_glb_moves_the_surface(tmp_path: Path, found: tuple[np.ndarray, Surface]
 
 def test_no_surface_no_file(tmp_path: Path) -> None:
     assert export(strider(12), tmp_path, ["person"]).files == ()
+
+
+def test_usd_and_meshes_hold_the_surface(tmp_path: Path, found: tuple[np.ndarray, Surface]) -> None:
+    track = replace(strider(12), surface=found[1])
+    files = export(track, tmp_path, ["usd", "ply", "obj"], raw=True).files
+    text = files[0].read_text()
+    assert files[0].name == "person.usda" and text.count("{") == text.count("}")
+    assert '"Hips/Spine/Head"' in text and "\n            11: [" in text
+    assert len(files) == 1 + 2 * 12
+    posed = found[1].bind(BODY).posed(BODY, track.poses[[3]])[0][0]
+    mesh = trimesh.load(tmp_path / "meshes" / "person_000003.ply")
+    assert isinstance(mesh, trimesh.Trimesh)
+    np.testing.assert_allclose(mesh.vertices, posed, atol=1e-5)
