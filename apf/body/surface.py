@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import scipy
 
-from apf.body.kinematics import posed_cones
+from apf.body.kinematics import bone_matrices, posed_cones
 from apf.body.mesh import BodyMesh, skinned_mesh
 from apf.body.model import BodyModel
 from cl import InputError
@@ -64,6 +64,9 @@ class Surface:
         cones = posed_cones(body, self.pose[None])[0]
         for part, cone in zip(body.cones, cones, strict=True):
             middle, axis = (cone[0:3] + cone[4:7]) / 2, cone[4:7] - cone[0:3]
+            along = _find_direction(body, self.pose, part.bone)
+            if along is not None and abs(along @ axis) < np.linalg.norm(axis) / 2:
+                axis = along  # a part that lies across its bone, such as hips
             axis = axis / np.linalg.norm(axis)
             lines, on = _cut(mesh, axis, middle)
             lines = lines[(owner[self.faces[on]] == part.bone).all(1)].reshape(-1, 3)
@@ -118,6 +121,15 @@ def paint(
 def normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     """Return (M, 3) float32 unit normals of the vertices of a surface."""
     return np.asarray(_make_mesh(vertices, faces).vertex_normals, np.float32)
+
+
+def _find_direction(body: BodyModel, pose: np.ndarray, bone: int) -> np.ndarray | None:
+    """Return the direction (3,) from a bone to the middle of the bones on it; None without any."""
+    offsets = [each.offset for each in body.bones if each.parent == bone]
+    along = np.mean(offsets, axis=0) if offsets else np.zeros(3)
+    if not along.any():
+        return None
+    return np.asarray(bone_matrices(body, pose[None])[0][0, bone] @ along / np.linalg.norm(along))
 
 
 def _make_mesh(vertices: np.ndarray, faces: np.ndarray) -> Any:

@@ -54,6 +54,20 @@ def test_measures_have_errors(found: tuple[np.ndarray, Surface]) -> None:
     assert 0.3 < girth < 0.9 and 0 < deviation < 0.1
 
 
+def test_girths_are_those_of_the_cones() -> None:
+    pose = BODY.rest_pose.copy()
+    for name in ("l_upper_arm.rx", "r_upper_arm.rx"):
+        pose[BODY.dof_names.index(name)] = 1.0  # arms away from the trunk
+    vertices, faces = join_cones(BODY, pose)
+    alike = np.full(len(vertices), 0.005)
+    surface = Surface(pose, vertices, faces, alike, np.array(0.0), LENGTHS, np.zeros((0, 3)))
+    girths = surface.measure(BODY)["girths_m"]
+    for cone in BODY.cones:
+        if cone.name[2:] in ("thigh", "calf", "upper_arm", "forearm"):
+            assert girths[cone.name][0] == pytest.approx(np.pi * sum(cone.radii), rel=0.01)
+    assert 0.7 < girths["hips"][0] < 1.1 and girths["shoulders"][0] < 1.3
+
+
 def test_vertices_take_the_nearest_colours(found: tuple[np.ndarray, Surface]) -> None:
     poses, surface = found
     posed = surface.bind(BODY).posed(BODY, poses[:3])[0]
