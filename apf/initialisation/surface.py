@@ -65,9 +65,9 @@ def fit_surface(
     edge = np.median(pixel) / np.sqrt(12)  # of an edge that may lie anywhere in its pixel
     return Surface(
         pose=pose,
-        vertices=vertices + moved[:, None] * normals(vertices, faces),
-        faces=faces,
-        deviation=precision**-0.5,
+        vertices=(vertices + moved[:, None] * normals(vertices, faces)).astype(np.float32),
+        faces=faces.astype(np.int32),
+        deviation=(precision**-0.5).astype(np.float32),
         common=np.array(edge),
         lengths=lengths,
         colours=np.zeros((0, 3), np.uint8),
