@@ -31,6 +31,7 @@ class Rays:
         self._shape = regions.shape
         needed = required_views(rig)
         box = find_seen_box(rig, needed) or (np.full(3, -1.0), np.full(3, 1.0))
+        floor = max(floor, float(box[0][2]))
         for _ in range(2):  # the second grid bounds the hull of the first
             edge = float(np.cbrt(np.prod(box[1] - box[0]) / _VOXELS))
             axes = [np.arange(a, b, edge) + edge / 2 for a, b in zip(*box, strict=True)]
