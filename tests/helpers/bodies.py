@@ -6,10 +6,12 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 
 from apf.body.kinematics import posed_cones
 from apf.body.model import BodyModel
 from apf.body.toml import load_body
+from psfs.common.cones import CONE_FLOATS
 
 #: Small and awkward: a root away from the origin, free axes whose order in the pose is not that
 #: of the file, inverted ones, a slider after a hinge, a turned bone, elliptic sections, a cone that
@@ -119,3 +121,30 @@ def crossing() -> np.ndarray:
     for axis, value in (("upper_arm.ry", 0.4), ("upper_arm.rz", -1.2), ("forearm.ry", 1.5)):
         pose[body.dof_names.index(f"l_{axis}")] = value
     return pose
+
+
+def cone(
+    start: npt.ArrayLike,
+    end: npt.ArrayLike,
+    radii: tuple[float, float] = (0.1, 0.1),
+    side: npt.ArrayLike | None = None,
+    scale: tuple[float, float] = (1, 1),
+) -> np.ndarray:
+    """Return a posed cone (CONE_FLOATS,) whose section is scaled along `side` and across it."""
+    row = np.zeros(CONE_FLOATS)
+    row[0:3], row[3], row[4:7], row[7] = start, radii[0], end, radii[1]
+    axis = np.subtract(end, start) / np.linalg.norm(np.subtract(end, start))
+    x = np.eye(3)[np.abs(axis).argmin()] if side is None else np.asarray(side, float)
+    x = x - axis * (x @ axis)
+    x /= np.linalg.norm(x)
+    row[8:11], row[12:15] = x / scale[0], np.cross(axis, x) / scale[1]
+    return row
+
+
+def scattered_poses(body: BodyModel, n: int) -> np.ndarray:
+    """Return float32 poses (n, D) in front of cameras, at their sides, around and behind them."""
+    poses = random_poses(body, n, wild=True)
+    places = [i for i, name in enumerate(body.dof_names) if name[-3:] in (".tx", ".ty")]
+    poses[:, places] = np.random.default_rng(n).normal(0, 2.5, (n, len(places)))
+    poses[: n // 2, places] *= 0.1
+    return np.clip(poses, body.lower, body.upper).astype(np.float32)

@@ -9,6 +9,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from helpers import scenes
 from psfs.calibration.targets.target import Sighting, Target
 from psfs.cameras.camera import Camera
 
@@ -30,11 +31,7 @@ def ring(
     for k in range(views):
         angle = np.radians(step) * k + 0.2
         centre = np.array([3 * np.cos(angle), 3 * np.sin(angle), 1.5 + 0.5 * (k % 2)])
-        z = np.array([0, 0, 0.8]) - centre
-        z /= np.linalg.norm(z)
-        x = np.cross(z, [0, 0, 1.0])
-        x /= np.linalg.norm(x)
-        R = np.stack([x, np.cross(z, x), z])
+        R = scenes.rotation_towards(np.array([0, 0, 0.8]) - centre)
         f = focal * (1 + 0.02 * (k - 2))
         K = np.array([[f, 0, size[0] / 2 + 3], [0, 1.002 * f, size[1] / 2 - 2], [0, 0, 1]])
         distortion = np.array([-0.1, 0.03, 0.0005, -0.0003, 0])

@@ -42,15 +42,6 @@ def smooth_maps(rig: CameraRig, seed: int = 0) -> np.ndarray:
     return np.rint(255 * noise).astype(np.uint8)
 
 
-def scattered_poses(body: BodyModel, n: int) -> np.ndarray:
-    """Poses in front of the cameras, at their sides, around and behind them."""
-    poses = bodies.random_poses(body, n, wild=True)
-    places = [i for i, name in enumerate(body.dof_names) if name[-3:] in (".tx", ".ty")]
-    poses[:, places] = np.random.default_rng(n).normal(0, 2.5, (n, len(places)))
-    poses[: n // 3, places] *= 0.1
-    return np.clip(poses, body.lower, body.upper)
-
-
 def cloud(grid: VoxelGrid, surface: Array, count: Array) -> Any:
     """As much of `Voxels` as a likelihood needs."""
     return SimpleNamespace(

@@ -15,7 +15,6 @@ from apf.image_objective.renderer import draw_hypotheses, whole_pictures
 from apf.reference.image_objective import render
 from apf.scene import Scene
 from cl import Device
-from helpers import bodies
 from psfs.cameras.camera import CameraRig
 
 
@@ -41,15 +40,6 @@ def random_maps(rig: CameraRig, seed: int = 0) -> Maps:
     roi[0] += [3, 5, -40, -11]
     roi[-1] += [33, 0, -1, -2]
     return Maps(np.rint(np.stack([blobs, nearness], -1)).astype(np.uint8), roi)
-
-
-def scattered_poses(body: BodyModel, n: int) -> np.ndarray:
-    """Poses in front of the cameras, at their sides, around and behind them."""
-    poses = bodies.random_poses(body, n, wild=True)
-    places = [i for i, name in enumerate(body.dof_names) if name[-3:] in (".tx", ".ty")]
-    poses[:, places] = np.random.default_rng(n).normal(0, 2.5, (n, len(places)))
-    poses[: n // 2, places] *= 0.1
-    return np.clip(poses, body.lower, body.upper).astype(np.float32)
 
 
 def score_poses(device: Device, objective: ImageObjective, poses: np.ndarray) -> np.ndarray:

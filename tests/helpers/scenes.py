@@ -6,6 +6,7 @@ from dataclasses import replace
 from functools import cache
 
 import numpy as np
+import numpy.typing as npt
 
 from psfs.background.gaussian import Background
 from psfs.cameras.camera import Camera, CameraRig
@@ -20,6 +21,23 @@ def frame(
     index: int = 0, images: np.ndarray | None = None, masks: np.ndarray | None = None
 ) -> Frame:
     return Frame(index, images, masks)
+
+
+def rotation_towards(direction: np.ndarray) -> np.ndarray:
+    """Return the rotation (3, 3) of an upright camera that looks along a direction (3,)."""
+    z = direction / np.linalg.norm(direction)
+    x = np.cross(z, [0, 0, 1.0])
+    x /= np.linalg.norm(x)
+    return np.stack([x, np.cross(z, x), z])
+
+
+def pinhole(
+    name: str, centre: npt.ArrayLike, target: npt.ArrayLike, size: tuple[int, int], focal: float
+) -> Camera:
+    """Return an upright camera without distortion."""
+    R = rotation_towards(np.subtract(target, centre))
+    K = np.array([[focal, 0, size[0] / 2], [0, focal, size[1] / 2], [0, 0, 1]])
+    return Camera(name, K, np.zeros(5), R, -R @ centre, size)
 
 
 def looking_at(

@@ -5,26 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from helpers import scenes
+from helpers.bodies import cone
 
 from apf.body.cones import outline_corners, project_outlines
 from psfs.cameras.camera import Camera
-from psfs.common.cones import CONE_FLOATS, cone_distances
-
-
-def cone(
-    start: list,
-    end: list,
-    radii: tuple[float, float] = (0.1, 0.1),
-    side: tuple[float, float, float] = (1, 0, 0),
-    scale: tuple[float, float] = (1, 1),
-) -> np.ndarray:
-    row = np.zeros(CONE_FLOATS)
-    row[0:3], row[3], row[4:7], row[7] = start, radii[0], end, radii[1]
-    axis = (row[4:7] - row[0:3]) / np.linalg.norm(row[4:7] - row[0:3])
-    x = np.array(side, float) - axis * (np.array(side) @ axis)
-    x /= np.linalg.norm(x)
-    row[8:11], row[12:15] = x / scale[0], np.cross(axis, x) / scale[1]
-    return row
+from psfs.common.cones import cone_distances
 
 
 def surface(row: np.ndarray, n_rows: int = 41, n_around: int = 180) -> np.ndarray:

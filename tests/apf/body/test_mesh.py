@@ -72,7 +72,7 @@ def test_a_skinned_mesh_rests_where_it_was_bound() -> None:
 @pytest.mark.parametrize(("name", "n"), [("song31", 8), ("stick", 66)])
 def test_pictures_of_frusta_equal_the_twins(device: Device, name: str, n: int) -> None:
     body, rig = bodies.named(name), scenes.ring(3, (161, 123))
-    poses = rendered.scattered_poses(body, 6)
+    poses = bodies.scattered_poses(body, 6)
     rendered.check_pictures(device, body, rig, poses, cone_mesh(body, n))
 
 
@@ -80,7 +80,7 @@ def test_pictures_of_frusta_equal_the_twins(device: Device, name: str, n: int) -
 @pytest.mark.parametrize("n", [1, 7])
 def test_projected_vertices_agree_with_the_twin(device: Device, n: int) -> None:
     body, rig = bodies.named("stick"), scenes.ring(2, (97, 75))
-    mesh, poses = soft_mesh(body), rendered.scattered_poses(body, n)
+    mesh, poses = soft_mesh(body), bodies.scattered_poses(body, n)
     with traced("image/skin.project_vertices") as launches:
         draw_hypotheses(Scene(device, rig, None, body), poses, mesh)
     found = np.concatenate([launch.after["pixels"] for launch in launches], axis=1)
@@ -98,7 +98,7 @@ def test_projected_vertices_agree_with_the_twin(device: Device, n: int) -> None:
 
 def test_pictures_of_a_skinned_mesh_equal_the_twins(device: Device) -> None:
     body, rig = bodies.named("stick"), scenes.ring(2, (97, 75))
-    rendered.check_pictures(device, body, rig, rendered.scattered_poses(body, 6), soft_mesh(body))
+    rendered.check_pictures(device, body, rig, bodies.scattered_poses(body, 6), soft_mesh(body))
 
 
 def test_a_gpus_work_groups_draw_the_same(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -106,7 +106,7 @@ def test_a_gpus_work_groups_draw_the_same(device: Device, monkeypatch: pytest.Mo
     device = device if device.is_gpu else other_kind(device)
     monkeypatch.setattr(apf.image_objective.renderer, "_GPU_BYTES", 4096)
     body, rig = bodies.named("song31"), scenes.ring(2, (161, 123))
-    poses = rendered.scattered_poses(body, 6)
+    poses = bodies.scattered_poses(body, 6)
     rendered.check_pictures(device, body, rig, poses, cone_mesh(body, 18))
 
 

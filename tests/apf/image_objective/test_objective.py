@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 import pytest
 from helpers import bodies, rendered, scenes
+from helpers.bodies import cone
 from helpers.kinds import other_kind
 from helpers.shared import shared_data
 
@@ -24,7 +25,6 @@ from apf.reference.image_objective.render import flat_body
 from apf.scene import Scene
 from cl import Device, NumpyDevice
 from psfs.cameras.camera import Camera, CameraRig
-from psfs.common.cones import CONE_FLOATS
 from psfs.sequence import Sequence
 
 #: Looks along -x at the z axis, 1 px per cm at the origin.
@@ -38,24 +38,13 @@ FRONT = Camera(
 )
 
 
-def cone(start: list[float], end: list[float], radius: float) -> np.ndarray:
-    """A posed round cone (CONE_FLOATS,)."""
-    axis = np.subtract(end, start) / np.linalg.norm(np.subtract(end, start))
-    side = np.cross(axis, [0.3, 0.2, 0.9] if abs(axis[2]) < 0.9 else [1.0, 0, 0])
-    side /= np.linalg.norm(side)
-    row = np.zeros(CONE_FLOATS)
-    row[0:3], row[3], row[4:7], row[7] = start, radius, end, radius
-    row[8:11], row[12:15] = side, np.cross(axis, side)
-    return row
-
-
 def drawn(cones: list[np.ndarray], free: tuple[bool, bool] = (False, False), **more: bool) -> Any:
     """Parts and edges that FRONT sees, with edges."""
     n = len(cones)
     return flat_body(FRONT, np.stack(cones), np.ones(n, bool), np.array([free] * n), **more)
 
 
-UPRIGHT = cone([0, 0, -0.3], [0, 0, 0.3], 0.1)
+UPRIGHT = cone([0, 0, -0.3], [0, 0, 0.3])
 
 
 def test_a_cone_is_a_rectangle_with_two_edges() -> None:
@@ -80,7 +69,7 @@ def test_round_ends_show_an_edge_where_they_are_free() -> None:
 
 
 def test_near_parts_hide_far_ones_and_their_edges() -> None:
-    across = cone([0.2, -0.3, 0], [0.2, 0.3, 0], 0.1)
+    across = cone([0.2, -0.3, 0], [0.2, 0.3, 0])
     for order in ([0, 1], [1, 0]):
         parts, edges = drawn([(UPRIGHT, across)[k] for k in order])
         assert parts[60, 50] == 1 + order.index(1)
@@ -91,7 +80,7 @@ def test_near_parts_hide_far_ones_and_their_edges() -> None:
 
 @pytest.mark.parametrize("round_ends", [False, True])
 def test_a_cone_seen_along_its_axis_is_a_disc(round_ends: bool) -> None:
-    parts, edges = drawn([cone([0, 0, 0], [0.1, 0, 0], 0.1)], round_ends=round_ends)
+    parts, edges = drawn([cone([0, 0, 0], [0.1, 0, 0])], round_ends=round_ends)
     radius = 0.1 * 200 / 1.9  # of the nearer end
     assert parts.sum() == pytest.approx(np.pi * radius**2, rel=0.05)
     assert 0.8 < edges.sum() / (2 * np.pi * radius) < 1.4
@@ -116,7 +105,7 @@ def test_pictures_equal_the_twins(
     device: Device, name: str, size: tuple[int, int], round_ends: bool
 ) -> None:
     body, rig = bodies.named(name), scenes.ring(3, size)
-    poses = rendered.scattered_poses(body, 8)
+    poses = bodies.scattered_poses(body, 8)
     rendered.check_pictures(device, body, rig, poses, round_ends=round_ends)
 
 
@@ -124,8 +113,8 @@ def test_a_gpus_work_groups_draw_the_same(device: Device) -> None:
     """On any device: one row per work-item, many items per picture."""
     device = device if device.is_gpu else other_kind(device)
     body, rig = bodies.named("song31"), scenes.ring(2, (333, 240))
-    rendered.check_pictures(device, body, rig, rendered.scattered_poses(body, 6))
-    rendered.check_counts(device, body, rig, rendered.scattered_poses(body, 6))
+    rendered.check_pictures(device, body, rig, bodies.scattered_poses(body, 6))
+    rendered.check_counts(device, body, rig, bodies.scattered_poses(body, 6))
 
 
 @pytest.mark.parity(
@@ -136,7 +125,7 @@ def test_errors_equal_the_twins(device: Device, kind: str) -> None:
     body, rig = load_body("song31"), scenes.ring(3, (161, 123))
     config = ObjectiveConfig(kind=kind, silhouette_weight=0.7, edge_weight=0.3, balance=0.4)
     observed = rendered.random_maps(rig)
-    poses = rendered.scattered_poses(body, 9)
+    poses = bodies.scattered_poses(body, 9)
     objective = ImageObjective(Scene(device, rig, None, body), 9, config)
     twin = NumpyImageObjective(Scene(NumpyDevice(), rig, None, body), 9, config)
     twin.observe(observed)

@@ -44,7 +44,7 @@ def beyond(edges: np.ndarray, others: np.ndarray) -> int:
 def test_pictures_equal_opencl(device: Device, vertices: int) -> None:
     body, rig = bodies.named("song31"), scenes.ring(3, (333, 240))
     mesh = cone_mesh(body, vertices) if vertices > 4 else None
-    poses = np.concatenate([rendered.scattered_poses(body, 6), bodies.random_poses(body, 20)])
+    poses = np.concatenate([bodies.scattered_poses(body, 6), bodies.random_poses(body, 20)])
     drawn = draw_by_opengl(body, rig, poses, mesh)
     expected = draw_hypotheses(Scene(device, rig, None, body), poses, mesh, round_ends=False)
     assert drawn.shape == expected.shape
@@ -64,7 +64,7 @@ def test_pictures_equal_opencl(device: Device, vertices: int) -> None:
 @pytest.mark.parametrize(("kind", "vertices"), [("sp", 4), ("aosp", 18), ("posp", 4)])
 def test_scores_equal_opencl(device: Device, kind: str, vertices: int) -> None:
     body, rig = bodies.named("song31"), scenes.ring(3, (161, 123))
-    poses = np.concatenate([rendered.scattered_poses(body, 6), bodies.random_poses(body, 31)])
+    poses = np.concatenate([bodies.scattered_poses(body, 6), bodies.random_poses(body, 31)])
     config = ObjectiveConfig(
         kind=kind, silhouette_weight=0.4, edge_weight=0.6, vertices_per_part=vertices
     )

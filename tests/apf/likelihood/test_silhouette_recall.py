@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from helpers import bodies, scenes
 from helpers.kinds import other_kind
-from helpers.likelihoods import Setup, cloud, only, scattered_poses, smooth_maps
+from helpers.likelihoods import Setup, cloud, only, smooth_maps
 from helpers.parity import traced
 
 from apf.body.cones import project_outlines
@@ -55,7 +55,7 @@ def test_kernels_agree_with_the_twin(device: Device, name: str, views: int, n_vo
     """Points on the very edge of a trapezoid may fall either way."""
     body, rig, grid = bodies.named(name), scenes.ring(views), scenes.small_grid(0.1)
     indices = np.arange(n_voxels, dtype=np.int32) * max(1, grid.size // 1000)
-    poses = scattered_poses(body, 23)
+    poses = bodies.scattered_poses(body, 23)
     config = only("none").with_changes(silhouette_recall_weight=1.5, n_points=300, point_turns=2)
     setup = Setup(device, body, rig, poses, smooth_maps(rig), config, grid)
     count = device.to_device(np.array([n_voxels], np.int32))
@@ -76,7 +76,7 @@ def test_projected_points_agree_with_the_twin(device: Device, views: int, n_poin
     """A point on a picture's border may count as in or out."""
     rig, grid = scenes.ring(views), VoxelGrid.covering(np.full(3, -4.0), np.full(3, 4.0), 0.3)
     config = only("none").with_changes(silhouette_recall_weight=1.5, n_points=n_points)
-    poses = scattered_poses(SONG, 2)
+    poses = bodies.scattered_poses(SONG, 2)
     setup = Setup(device, SONG, rig, poses, smooth_maps(rig), config, grid)
     indices = np.sort(np.random.default_rng(views).choice(grid.size, 999, replace=False))
     count, surface = np.array([999], np.int32), device.to_device(indices.astype(np.int32))
@@ -103,7 +103,7 @@ def test_the_other_kind_of_work_groups_finds_the_same(
     """GPUs look at several cameras together, here at most at so many; CPUs at several samples."""
     monkeypatch.setattr(silhouette_recall, "_VIEWS", together)
     rig, grid, other = scenes.ring(3), scenes.small_grid(0.1), other_kind(device)
-    indices, poses = np.arange(0, grid.size, 7, dtype=np.int32), scattered_poses(SONG, 23)
+    indices, poses = np.arange(0, grid.size, 7, dtype=np.int32), bodies.scattered_poses(SONG, 23)
     config = only("none").with_changes(silhouette_recall_weight=1.5, n_points=301, point_turns=2)
     found = []
     for place in (device, other):

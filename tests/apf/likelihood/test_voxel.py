@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from helpers import bodies, scenes
-from helpers.likelihoods import CONFIG, FRONT, Setup, cloud, only, scattered_poses, smooth_maps
+from helpers.likelihoods import CONFIG, FRONT, Setup, cloud, only, smooth_maps
 
 from apf.body.kinematics import posed_cones
 from apf.body.model import BodyModel
@@ -50,7 +50,7 @@ def test_image_terms_agree_with_the_twin(
     """Equal but for samples that rounding moves over a pixel's or the picture's border."""
     body, rig = bodies.named(name), scenes.ring(views)
     setup = Setup(
-        device, body, rig, scattered_poses(body, n_particles), smooth_maps(rig), only(term)
+        device, body, rig, bodies.scattered_poses(body, n_particles), smooth_maps(rig), only(term)
     )
     found, expected = setup.errors() / views, setup.expected(NO_POINTS) / views
     np.testing.assert_allclose(found, expected, atol=0.02)
@@ -136,7 +136,7 @@ def test_totals_agree_with_the_twin(device: Device, name: str, views: int, weigh
     config = CONFIG.with_changes(**weights)
     grid = scenes.small_grid(0.1)
     indices = np.arange(0, grid.size, 7, dtype=np.int32)
-    poses = scattered_poses(body, 37)
+    poses = bodies.scattered_poses(body, 37)
     poses[-1, [axis[-3:] == ".tz" for axis in body.dof_names]] = 1000  # out of every picture
     setup = Setup(device, body, rig, poses, smooth_maps(rig), config, grid)
     count = device.to_device(np.array([len(indices)], np.int32))
@@ -155,7 +155,7 @@ def test_totals_agree_with_the_twin(device: Device, name: str, views: int, weigh
 def test_misfit_is_silhouette_and_surface_error_of_one_pose(device: Device) -> None:
     body, rig, grid = bodies.named("song31"), scenes.ring(5), scenes.small_grid(0.1)
     indices = np.arange(0, grid.size, 7, dtype=np.int32)
-    poses = scattered_poses(body, 3)
+    poses = bodies.scattered_poses(body, 3)
     setup = Setup(device, body, rig, poses, smooth_maps(rig), CONFIG, grid)
     count = device.to_device(np.array([len(indices)], np.int32))
     setup.likelihood.observe(cloud(grid, device.to_device(indices), count))

@@ -9,7 +9,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from helpers import tracks
+from helpers import scenes, tracks
 
 from apf.report.drawing import LOST, SIDES, Figure, draw_mosaic, find_window, write_overlay
 from cl import InputError
@@ -19,11 +19,8 @@ from psfs.sequence import Frame
 
 def camera(name: str, angle: float, size: tuple[int, int] = (320, 240)) -> Camera:
     """Three metres from the walker's circle, looking at its middle."""
-    c, s = np.cos(angle), np.sin(angle)
-    R = np.array([[-s, c, 0], [0, 0, -1], [-c, -s, 0]])
-    centre = np.array([4 * c, 4 * s, 1.0])
-    K = np.array([[size[0], 0, size[0] / 2], [0, size[0], size[1] / 2], [0, 0, 1]], float)
-    return Camera(name, K, np.zeros(5), R, -R @ centre, size)
+    centre = [4 * np.cos(angle), 4 * np.sin(angle), 1.0]
+    return scenes.pinhole(name, centre, [0, 0, 1], size, size[0])
 
 
 class Footage:

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from helpers import scenes
 from helpers.parity import traced
 
 from apf.reference.synthetic.room import empty_room
@@ -18,14 +21,9 @@ from psfs.cameras.camera import Camera, CameraRig
 
 
 def looking(centre: list[float], target: list[float], size: tuple[int, int]) -> Camera:
-    forward = np.subtract(target, centre)
-    forward = forward / np.linalg.norm(forward)
-    right = np.cross(forward, [0.0, 0.0, 1.0])
-    right /= np.linalg.norm(right)
-    R = np.stack([right, np.cross(forward, right), forward])
-    focal = 0.9 * max(size)
-    K = np.array([[focal, 0.5, size[0] / 2], [0, focal, size[1] / 2], [0, 0, 1]])
-    return Camera("one", K, np.array([-0.1, 0.02, 1e-3, -1e-3, 0.01]), R, -R @ centre, size)
+    view = scenes.pinhole("one", centre, target, size, 0.9 * max(size))
+    K = np.add(view.K, [[0, 0.5, 0], [0, 0, 0], [0, 0, 0]])
+    return replace(view, K=K, distortion=np.array([-0.1, 0.02, 1e-3, -1e-3, 0.01]))
 
 
 def rigs(pelvis: np.ndarray) -> dict[str, CameraRig]:

@@ -6,8 +6,8 @@ from functools import cache
 import cv2
 import numpy as np
 import pytest
+from helpers import scenes
 
-from psfs.cameras.camera import Camera
 from psfs.common.least_squares import solve
 from psfs.diagnostics.frontier import SilhouetteContours
 from psfs.diagnostics.limbs import LimbPoints
@@ -15,7 +15,7 @@ from psfs.diagnostics.medial_axes import MedialAxes
 from psfs.diagnostics.refinement import correct_cameras
 from psfs.diagnostics.small_views import Outline
 
-UP, FRAMES = np.array([0, 0, 1.0]), 12
+FRAMES = 12
 LAGS = np.array([0.0, 1.4, -0.7, 0.0])
 PERSON = np.array([0, 0, 1.2]), 1.7
 
@@ -23,13 +23,7 @@ PERSON = np.array([0, 0, 1.2]), 1.7
 def place(azimuth, height):
     """A camera 3 m from the middle."""
     centre = np.array([3 * np.cos(azimuth), 3 * np.sin(azimuth), height])
-    forward = np.array([0, 0, 1.2]) - centre
-    forward /= np.linalg.norm(forward)
-    right = np.cross(forward, UP)
-    right /= np.linalg.norm(right)
-    R = np.stack([right, np.cross(forward, right), forward])
-    K = np.array([[500.0, 0, 320], [0, 500, 240], [0, 0, 1]])
-    return Camera(f"{azimuth}", K, np.zeros(5), R, -R @ centre, (640, 480))
+    return scenes.pinhole(f"{azimuth}", centre, [0, 0, 1.2], (640, 480), 500.0)
 
 
 CAMERAS = [place(0.2, 1.3), place(1.6, 2.2), place(3.4, 1.7), place(4.9, 2.4)]

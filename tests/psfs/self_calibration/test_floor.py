@@ -3,6 +3,7 @@
 import cv2
 import numpy as np
 import pytest
+from helpers import scenes
 
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.diagnostics.frontier import SilhouetteContours
@@ -14,13 +15,8 @@ def make_rig():
     cameras = []
     for k in range(4):
         forward = np.array([-np.cos(1.6 * k), -np.sin(1.6 * k), -0.3 - 0.05 * k])
-        forward /= np.linalg.norm(forward)
-        right = np.cross(forward, [0, 0, 1.0])
-        right /= np.linalg.norm(right)
-        R = np.stack([right, np.cross(forward, right), forward])
-        K = np.array([[420.0, 0, 320], [0, 420, 240], [0, 0, 1]])
-        centre = np.array([0, 0, 0.5]) - 4 * forward
-        cameras.append(Camera(f"c{k}", K, np.zeros(5), R, -R @ centre, (640, 480)))
+        centre = np.array([0, 0, 0.5]) - 4 * forward / np.linalg.norm(forward)
+        cameras.append(scenes.pinhole(f"c{k}", centre, [0, 0, 0.5], (640, 480), 420.0))
     return CameraRig(tuple(cameras))
 
 

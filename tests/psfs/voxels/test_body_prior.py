@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers import scenes
+from helpers.bodies import cone
 
 from cl import Device, InputError, NumpyDevice
 from psfs.backend import make_reconstructor
@@ -28,21 +29,12 @@ EVIDENCE = WHOLE.silhouette.evidence
 STEP, STEPS = EVIDENCE.step, EVIDENCE.ratio_steps
 
 
-def cone(a: object, b: object, radii: tuple[float, float]) -> np.ndarray:
-    """One cone (16,) of an elliptic section of 1 to 0.7."""
-    a, b = np.array(a, float), np.array(b, float)
-    axis = (b - a) / np.linalg.norm(b - a)
-    x = np.cross(axis, [0.3, 1.0, 0.2])
-    x /= np.linalg.norm(x)
-    return np.hstack([a, radii[0], b, radii[1], x, 0, np.cross(axis, x) / 0.7, 0])
-
-
 #: Trunk and head of the test body, a foot that is not there, and one of which nothing is known.
 CONES = np.stack(
     [
-        cone([0.02, -0.05, 0.4], [0.02, -0.05, 1.0], (0.22, 0.2)),
-        cone([0.1, 0.0, 1.25], [0.1, 0.0, 1.35], (0.27, 0.27)),
-        cone([0.3, 0.1, 0.15], [0.55, 0.4, 0.1], (0.08, 0.05)),
+        cone([0.02, -0.05, 0.4], [0.02, -0.05, 1.0], (0.22, 0.2), (0.3, 1, 0.2), (1, 0.7)),
+        cone([0.1, 0.0, 1.25], [0.1, 0.0, 1.35], (0.27, 0.27), (0.3, 1, 0.2), (1, 0.7)),
+        cone([0.3, 0.1, 0.15], [0.55, 0.4, 0.1], (0.08, 0.05), (0.3, 1, 0.2), (1, 0.7)),
         np.full(16, np.nan),
     ]
 )
