@@ -263,19 +263,20 @@ def _draw_cones(
     image = image[low[1] : high[1], low[0] : high[0]]
     if not image.size:
         return
-    paint = np.zeros_like(image)
-    for i in np.argsort(-distance):
-        if seen[i]:
-            hull = cv2.convexHull(_to_fixed_point(rings[i] - low))
-            cv2.fillConvexPoly(paint, hull, colours[i], cv2.LINE_8, _BITS)
-    inside = np.asarray(paint.any(axis=-1))
-    image[inside] = np.rint(0.84 * image[inside] + 0.16 * paint[inside])
+    order = [i for i in np.argsort(-distance) if seen[i]]
+    table = np.array([(0, 0, 0), *(colours[i] for i in order)], np.uint8)
+    number = np.zeros(image.shape[:2], np.uint8)  # of the nearest cone, counted from far to near
+    for k, i in enumerate(order, start=1):
+        hull = cv2.convexHull(_to_fixed_point(rings[i] - low))
+        cv2.fillConvexPoly(number, hull, k, cv2.LINE_8, _BITS)
+    inside = number > 0
+    image[inside] = np.rint(0.84 * image[inside] + 0.16 * table[number[inside]])
     lines, _ = cv2.findContours(inside.astype(np.uint8), cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
-    nearest = cv2.dilate(paint, np.ones((rim, rim), np.uint8))
+    nearest = cv2.dilate(number, np.ones((rim, rim), np.uint8))
     for width in (rim, thickness):
         drawn = np.zeros(image.shape[:2], np.uint8)
         cv2.drawContours(drawn, lines, -1, 255, width)
-        image[drawn > 0] = _RIM if width == rim else nearest[drawn > 0]
+        image[drawn > 0] = _RIM if width == rim else table[nearest[drawn > 0]]
 
 
 def _draw_skeleton(
