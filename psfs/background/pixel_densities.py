@@ -83,7 +83,7 @@ class PixelDensities:
         self._bins = colour_bins(self._frames)
         self._around = _find_surroundings(cv2.blur(moments[0], (3, 3)), region)
         self._unseen = self._surrounding_density(self._shown)
-        self._person = np.ones(N_BINS)
+        self._person = np.ones(N_BINS, np.float32)
         self._moments = moments[0].copy(), moments[1].copy()
         self._count = len(frames) * (from_median | ~region)
         self._update()
@@ -122,8 +122,8 @@ class PixelDensities:
             flat = np.moveaxis(cube, axis, 0).reshape(size, -1)
             flat = cv2.GaussianBlur(flat, (1, 0), sigmaX=0.1, sigmaY=0.7)
             cube = np.moveaxis(flat.reshape(3 * [size]), 0, axis)
-        total = max(float(cube.sum()), 1e-6)
-        self._person = (1 - _UNEXPLAINED) * N_BINS / total * cube.ravel() + _UNEXPLAINED
+        share = (1 - _UNEXPLAINED) * N_BINS / max(float(cube.sum()), 1e-6)
+        self._person = (share * cube.ravel() + _UNEXPLAINED).astype(np.float32)
 
     def count_colours(self, covered: np.ndarray) -> np.ndarray:
         """Return the histogram (N_BINS,) of the pixels that are `covered` (n, h, w)."""
@@ -203,4 +203,4 @@ def _find_surroundings(
         colour = picture[np.clip(y, 0, height - 1), np.clip(x, 0, width - 1)]
         nearest.append((colour, np.where(inside, 1 / (1 + distance), 1e-9)))
     total = sum(share for _, share in nearest)
-    return [(colour, share / total) for colour, share in nearest]
+    return [(colour, (share / total).astype(np.float32)) for colour, share in nearest]
