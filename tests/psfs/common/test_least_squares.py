@@ -11,6 +11,7 @@ from psfs.common.least_squares import (
     Parameters,
     Residuals,
     Slope,
+    Solution,
     differentiate,
     estimate_noise,
     prior,
@@ -105,3 +106,31 @@ def test_noise_of_groups() -> None:
     found = estimate_noise(values, groups)
     assert found[0] == pytest.approx(0.5, rel=0.1) and found[-1] == pytest.approx(3, rel=0.1)
     assert estimate_noise(values[:4], groups[:4], least=9.0)[0] == 9.0
+
+
+def test_measurements_of_the_same_items_are_multiplied_as_full_matrices() -> None:
+    """In any other order they are sparse rows, with the same result."""
+    random = np.random.default_rng(5)
+    items, slopes = np.repeat(np.arange(4), 50), random.normal(size=(200, 2, 3))
+    values = slopes @ [1.0, -2.0, 0.5] + random.normal(0, 0.01, (200, 2))
+    values[7] = np.nan
+
+    def fit(order: np.ndarray) -> Solution:
+        def evaluate(at: Parameters) -> list[Residuals]:
+            which = items[order]
+            shown = np.einsum("mrs,ms->mr", slopes[order], at["own"][which] + at["all"][0])
+            by = [Slope("own", which, slopes[order]), Slope("all", 0 * which, slopes[order])]
+            return [Residuals(shown - values[order], by), prior("own", at["own"], 0.1)]
+
+        start = {"own": np.zeros((4, 3)), "all": np.zeros((1, 3))}
+        return solve(
+            evaluate, start, eliminate=["own"], free={"own": np.arange(3) != np.ones((4, 1))}
+        )
+
+    together, apart = fit(np.arange(200)), fit(np.argsort(np.arange(200) % 50, kind="stable"))
+    np.testing.assert_allclose(together.parameters["all"], [[1, -2, 0.5]], atol=0.01)
+    for name, found in together.parameters.items():
+        np.testing.assert_allclose(found, apart.parameters[name], atol=1e-9)
+        np.testing.assert_allclose(
+            together.covariance(name), apart.covariance(name), rtol=1e-6, atol=1e-12
+        )
