@@ -73,7 +73,10 @@ def test_clicks_in_pictures_of_two_frames_are_not_combined(server: viser.ViserSe
     )  # fmt: skip
     drawn: list[np.ndarray] = []
     watch = SimpleNamespace(
-        opened=opened, frame=2, time_line=SimpleNamespace(seek=lambda position: None, position=2),
+        opened=opened, frame=2,
+        time_line=SimpleNamespace(
+            seek=lambda position: None, position=2, refresh=lambda: drawn.clear()
+        ),
         bodies={"walk": SimpleNamespace(show_pose=drawn.append)},
     )  # fmt: skip
     said: list[object] = []
@@ -86,6 +89,12 @@ def test_clicks_in_pictures_of_two_frames_are_not_combined(server: viser.ViserSe
         watch.frame = frame
         panel.point(view, place - rig.centres[view])
 
+    panel.toggle_handle()
+    click(0, 2)
+    click(1, 2)
+    assert drawn and panel.cancel.visible
+    panel.put_back()
+    assert not drawn and not panel.cancel.visible
     panel.toggle_handle()
     click(0, 2)
     click(1, 3)
