@@ -74,6 +74,7 @@ def shell() -> Iterator[Any]:
     from IPython.core.interactiveshell import InteractiveShell
     from traitlets.config import Config
 
+    plt.close("all")  # what tests before have left would be drawn here
     settings, backend = Config(), plt.get_backend()
     settings.HistoryManager.enabled = False
     with pytest.MonkeyPatch.context() as patch:
