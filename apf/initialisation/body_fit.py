@@ -47,7 +47,7 @@ _INDEPENDENT_FRAMES, _INDEPENDENT_DISTANCES = 2.0, 20.0
 #: Least standard deviation, m, of a distance: half a voxel.
 _LEAST_NOISE = 0.01
 #: Points of a cloud that are compared with the body, and distance, m, between those on the body.
-_CLOUD_POINTS, _SPACING = 200, 0.12
+_CLOUD_POINTS, _SPACING = 400, 0.08
 #: Heights, m, of somebody's lowest voxels who stands on the floor, z = 0: feet and shins may be
 #: missing in silhouettes, which say little of shoes, and hulls are thicker than people.
 _STANDING = (-0.1, 0.3)
@@ -107,7 +107,7 @@ def fit_body(
     *,
     free: np.ndarray,
     height: float | None = None,
-    steps: int = 10,
+    steps: int = 15,
 ) -> Fitted:
     """Return the fit of a body to the evidence, from a `start` on.
 
