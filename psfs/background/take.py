@@ -128,13 +128,12 @@ def find_covered(
     moving = np.stack(list(pool.map(find_moving_region, frames)))
     moments = list(pool.map(median_moments, frames))
     films = [None] * len(rig) if film is None else [(mean, std) for mean, std in film]
-    floor = np.inf if film is None else _FLOOR
-    rays, results = Rays(rig, moving, floor), []
+    rays, results = Rays(rig, moving), []
     for from_median in (True, False):
         if film is not None and not from_median:
-            seeds = moving | rays.regions if rays.n_voxels else np.ones_like(moving)
+            seeds = moving if rays.n_voxels else np.ones_like(moving)
             changes = np.stack(list(pool.map(_find_changes, seeds, moments, films)))
-            rays = Rays(rig, changes, floor)
+            rays = Rays(rig, changes, _FLOOR)
         learn = partial(PixelDensities, from_median=from_median)
         densities = list(pool.map(learn, frames, rays.regions, moments, films))
         results.append(_maximise(rays, frames, densities, pool))
