@@ -120,8 +120,8 @@ class BoxSearch:
         if box is None or box[0][2] <= lowest:
             return box
         box = self._within(above)
-        box = None if box is None else self._within(box)
-        return None if box is None else _stand_on_floor(box, float(above[1][2]))
+        box = box and self._within(box)
+        return box and _stand_on_floor(box, float(above[1][2]))
 
     def _within(self, box: Box) -> Box | None:
         """Return the box around the occupied voxels in `box`, with a margin."""

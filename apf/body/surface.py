@@ -84,8 +84,8 @@ def blend_bones(points: np.ndarray, body: BodyModel, pose: np.ndarray) -> np.nda
     """Return by how much each bone moves points (N, 3) near `body` in `pose` (D,): shares (N, B),
     which pass from one cone's bone to the next within `BLEND`."""
     distances = cone_distances(points, posed_cones(body, pose[None])[0])
-    near = np.exp(-(distances - distances.min(1, keepdims=True)) / BLEND)
-    shares = near @ np.eye(len(body.bones))[[cone.bone for cone in body.cones]]
+    weights = np.exp(-(distances - distances.min(1, keepdims=True)) / BLEND)
+    shares = weights @ np.eye(len(body.bones))[[cone.bone for cone in body.cones]]
     shares /= shares.sum(1, keepdims=True)
     shares[shares < _LEAST] = 0
     return np.asarray(shares / shares.sum(1, keepdims=True))

@@ -95,9 +95,9 @@ def _derive(entry: DerivedEntry, folder: Path, source: str | Path) -> dict[str, 
         tables[kind] = kept + list(new.values())
     for kind, items in (("edges", "joint"), ("apart", "cone")):
         left = {each["name"] for each in tables[items]}
-        given = getattr(entry, kind)
-        kept = [pair for pair in tables[kind] if left >= set(pair)]
-        tables[kind] = kept if given is None else given
+        stated = getattr(entry, kind)
+        inherited = [pair for pair in tables[kind] if left >= set(pair)]
+        tables[kind] = inherited if stated is None else stated
     return tables
 
 

@@ -19,7 +19,7 @@ from apf.request import BodyRequest
 from psfs.cameras.names import join_names
 from psfs.cli.commandline import stdout
 
-#: Square of the share of its radius by which a part at rest lies in another that is told of.
+#: Depth of one part in another at rest, as the square of a share of its radius, that is reported.
 _DEEP = 0.25
 
 

@@ -91,7 +91,8 @@ def write_usd(path: str | Path, motion: BodyMotion, surface: Surface) -> None:
     rotations, positions = (of[:, nodes] for of in skeleton.motion(body, motion.poses))
     quaternions = [make_quaternions(rotations[:, k])[:, [3, 0, 1, 2]] for k in range(len(nodes))]
     bound = skeleton.motion(body, surface.pose[None])
-    mesh, width = surface.bind(body), min(MAX_BONES, surface.bind(body).bones.shape[1])
+    mesh = surface.bind(body)
+    width = min(MAX_BONES, mesh.bones.shape[1])
     frames = motion.points.frames.tolist()
     shown = _COLOURS.format(_array(to_linear(surface.colours / 255)))
     text = _FILE.format(

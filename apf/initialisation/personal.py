@@ -491,12 +491,12 @@ class PersonalFit:
         members = self.shape.members
         mixed = np.tensordot(members, turned[..., size:-1], 1).swapaxes(0, 1)
         mixed = mixed.reshape(len(matrix), -1)
-        own = np.zeros((*mixed.shape[1:], *mixed.shape[1:]))
+        diagonal = np.zeros((*mixed.shape[1:], *mixed.shape[1:]))
         sums = np.tensordot(members, products[:, size:-1, size:], 1)
         for group, of in enumerate(sums):
-            place = slice(group * len(of), (group + 1) * len(of))
-            own[place, place] = of[:, :-1]
-        whole = np.block([[matrix, mixed], [mixed.T, own]])
+            block = slice(group * len(of), (group + 1) * len(of))
+            diagonal[block, block] = of[:, :-1]
+        whole = np.block([[matrix, mixed], [mixed.T, diagonal]])
         return whole, np.concatenate([vector, sums[..., -1].ravel()])
 
     def _find_sunken(
