@@ -33,6 +33,7 @@ from apf.tracking.settings import GivenStart, TakeSettings
 from apf.tracking.take import (
     StartedTake,
     Take,
+    add_surface,
     check_cameras,
     start_take,
     track_again,
@@ -166,7 +167,7 @@ def _track_people(
         for number, (start, first) in enumerate(zip(started, takes, strict=True), start=1):
             _begin_person(job, persons, number)
             takes[number - 1] = track_again(start, first, progress)
-    done = []
+    done, takes = [], list(map(add_surface, takes))
     for number, take in enumerate(takes, start=1):
         session = _begin_person(job, persons, number)
         done.append(_finish(persons.job(job, number), replace(examination, session=session), take))

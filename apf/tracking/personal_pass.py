@@ -6,14 +6,16 @@ frames together say more of the person, see `apf.initialisation.personal`.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
 from apf.body.kinematics import posed_joints
 from apf.body.limbs import add_ankles
 from apf.body.model import BodyModel
+from apf.body.surface import Surface
 from apf.initialisation.personal import Outlines, PersonalFit
 from apf.initialisation.surface import fit_surface
 from apf.tracking.track import Track
@@ -22,10 +24,11 @@ from apf.tracking.two_way import SMOOTHED_SECONDS, smooth_poses
 
 def fit_personal_body(
     tracks: Sequence[Track], template: BodyModel, outlines: Mapping[int, Outlines], fps: float
-) -> list[Track]:
-    """Return the tracks of a take with the person's own body and surface, measured along the first
-    of them, and poses that fit it to the `outlines` of the frames. Frames in which the person was
-    lost stay as they were. template: the body of the start. fps: frames tracked per second."""
+) -> tuple[list[Track], Callable[[], Surface] | None]:
+    """Return the tracks of a take with the person's own body, measured along the first of them, and
+    poses that fit it to the `outlines` of the frames; and what fits the person's surface to them.
+    Frames in which the person was lost stay as they were. template: the body of the start. fps:
+    frames tracked per second."""
     first = tracks[0]
     fit = PersonalFit(add_ankles(template))
     tracked, outlined = _find_shown(first, outlines)
@@ -50,8 +53,8 @@ def fit_personal_body(
                 diagnostics=diagnostics,
             )
         )  # fmt: skip
-    surface = fit_surface(body, outlined, fitted[0].poses[tracked], lengths) if outlined else None
-    return [replace(track, surface=surface) for track in fitted]
+    surface = partial(fit_surface, body, outlined, fitted[0].poses[tracked], lengths)
+    return fitted, surface if outlined else None
 
 
 def _find_shown(

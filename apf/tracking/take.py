@@ -15,6 +15,7 @@ import numpy as np
 from apf.body.kinematics import posed_joints
 from apf.body.limbs import limb_ends
 from apf.body.model import BodyModel
+from apf.body.surface import Surface
 from apf.filters.method import Method
 from apf.filters.term_weights import list_comparing_weights
 from apf.initialisation.config import StartConfig
@@ -56,7 +57,8 @@ class Take:
     """The result for one sequence: `body`, its first `pose` (D,), in frame `frame`, from which it
     was tracked to both ends, and one track for each seed. start: the automatic start; None if body
     and pose were given. seconds: of reconstruction and tracking, without the start. error: the
-    error that ended the tracks early."""
+    error that ended the tracks early. surface: fits that of the person's own body, which the tracks
+    get after the last pass, see `add_surface`."""
 
     sequence: Sequence
     body: BodyModel
@@ -66,6 +68,7 @@ class Take:
     seconds: float
     error: UserError | None = None
     frame: int | None = None
+    surface: Callable[[], Surface] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,7 +151,7 @@ def track_started(
     keep: Keep | None = None,
 ) -> Take:
     """Track the person of a start, the second part of `track_take`, in two passes."""
-    return track_again(started, track_first(started, progress, keep), progress)
+    return add_surface(track_again(started, track_first(started, progress, keep), progress))
 
 
 def track_first(
@@ -257,12 +260,28 @@ def fit_personal(
         progress("fitting")
     began, template = time.perf_counter(), started.task.body
     with one_blas_thread():  # the products are small
-        tracks = fit_personal_body(take.tracks, template, outlines, started.session.rate)
+        tracks, surface = fit_personal_body(take.tracks, template, outlines, started.session.rate)
     pose = tracks[0].poses[list(tracks[0].frames).index(take.frame)]
     seconds = take.seconds + time.perf_counter() - began
     return replace(
-        take, body=tracks[0].body or take.body, pose=pose, tracks=tracks, seconds=seconds
+        take, body=tracks[0].its_body, pose=pose, tracks=tracks, seconds=seconds, surface=surface
     )
+
+
+def add_surface(take: Take) -> Take:
+    """Return the take whose tracks have the surface of the person's own body, if there is one. If
+    an interrupt ends its fit, the tracks count as interrupted."""
+    if take.surface is None:
+        return take
+    began = time.perf_counter()
+    try:
+        with one_blas_thread():
+            surface = take.surface()
+    except KeyboardInterrupt:
+        return replace(take, tracks=[track.as_interrupted for track in take.tracks])
+    seconds = take.seconds + time.perf_counter() - began
+    tracks = [replace(track, surface=surface) for track in take.tracks]
+    return replace(take, tracks=tracks, seconds=seconds)
 
 
 def compare_passes(first: Track, second: Track) -> Track:

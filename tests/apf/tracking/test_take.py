@@ -15,7 +15,14 @@ from apf.filters.method import Method
 from apf.initialisation.start import Start, StartError
 from apf.tracking import take
 from apf.tracking.pipeline import Tracked, TrackingTask
-from apf.tracking.take import StartedTake, Take, choose_heading, rank_starts, track_again
+from apf.tracking.take import (
+    StartedTake,
+    Take,
+    add_surface,
+    choose_heading,
+    rank_starts,
+    track_again,
+)
 from cl import DeviceError, NumpyDevice
 from psfs.session import Session, SessionSettings
 from psfs.volume import automatic_grid
@@ -84,8 +91,12 @@ def test_the_first_pass_counts_if_the_second_one_does_not_end(
     body, session = track.its_body, session_of({})
     session.sequence.folder = Path("nowhere")
     task = TrackingTask(replace(body, name="of the start"), track.poses[0], Method(), [0])
-    first = Take(session.sequence, body, track.poses[0], None, [track], 1.0)
-    found = track_again(StartedTake(session, task), first)
+    surface = object()
+    first = Take(
+        session.sequence, body, track.poses[0], None, [track], 1.0, surface=lambda: surface
+    )  # type: ignore[arg-type, return-value]
+    found = add_surface(track_again(StartedTake(session, task), first))
+    assert found.tracks[0].surface is surface
     assert found.tracks[0].interrupted and found.error is (
         ended if isinstance(ended, DeviceError) else None
     )
