@@ -18,15 +18,16 @@ import scipy
 
 from psfs.cameras.camera import Camera
 from psfs.cameras.rig_geometry import look_along_baseline
+from psfs.common.progress import map_in_threads
 from psfs.diagnostics.small_views import Outline
 
 #: Points of a contour on either side of a tip that must lie behind it, px.
 _SIDE = 12
 #: Farthest way of a tip from frame to frame, px.
 _REACH = 20.0
-#: Least cosine between a contour's ray and the direction to the scene, around the line between two
-#: cameras: the planes of the rest are not compared.
-_AHEAD = 0.3
+#: Greatest tangent of the angle between a contour's ray and the direction to the scene, around the
+#: line between two cameras: the planes of the rest are not compared.
+_STEEPEST = 3.0
 #: Least distance of the line between two cameras from the scene, m.
 NEAREST = 0.5
 #: Greatest change of a tip's speed from frame to frame, and difference between two cameras, px per
@@ -55,15 +56,27 @@ class SilhouetteContours:
             self._core.append(np.arange(length) + at + (2 * len(self._core) - 1) * _SIDE)
             at += length
         self.padded, self.core = np.concatenate(self._padded), np.concatenate(self._core)
+        self._rays: dict[bytes, np.ndarray] = {}  # shared by copies with shifted frames
+
+    def trace(self, camera: Camera) -> np.ndarray:
+        """Return the rays (N, 3) of depth 1 in the camera's axes. They are kept: a contour has
+        hundreds of points, and while a rig is adjusted its lenses mostly stay."""
+        lens = camera.K.tobytes() + camera.lens.tobytes()
+        if lens not in self._rays:
+            self._rays.clear()
+            rays = np.column_stack([camera.normalise(self.points), np.ones(len(self.points))])
+            self._rays[lens] = rays
+        return self._rays[lens]
 
     def find_tips(self, positions: np.ndarray) -> np.ndarray:
         """Return the indices (K,) of the local maxima of `positions` (N,) along the contours."""
-        if not len(positions):
-            return np.zeros(0, int)
         around = positions[self.padded]
-        largest = scipy.ndimage.maximum_filter1d(around, 2 * _SIDE + 1)[self.core]
-        ends = np.maximum(around[self.core - _SIDE], around[self.core + _SIDE])
-        tips = np.nonzero((positions == largest) & (positions > ends) & (self.at_border == 0))[0]
+        left, right = around[self.core - 1], around[self.core + 1]
+        high = (positions >= left) & (positions >= right) & (positions > -np.inf)
+        tips = np.nonzero(high & (self.at_border == 0))[0]
+        near = around[self.core[tips, None] + np.arange(-_SIDE, _SIDE + 1)]
+        ends = np.maximum(near[:, 0], near[:, -1])
+        tips = tips[(positions[tips] == near.max(axis=1)) & (positions[tips] > ends)]
         new = np.diff(tips, prepend=-9) > 2  # a plateau counts once
         return tips[new]
 
@@ -114,20 +127,19 @@ def find_frontier_points(
     """
     late = np.zeros(len(cameras)) if offsets is None else offsets
     views = [_View(*of, bend) for of in zip(cameras, contours, late, strict=True)]
-    pairs = combinations(range(len(cameras)), 2)
-    return join_points(_match_pair(views, pair, scene, gate) for pair in pairs)
+    pairs = list(combinations(range(len(cameras)), 2))
+    return join_points(map_in_threads(lambda pair: _match_pair(views, pair, scene, gate), pairs))
 
 
 class _View:
-    """A camera, its contours, their rays (N, 3), by how many frames its pictures are late, and the
-    greatest change of a tip's speed, px per frame^2."""
+    """A camera, its contours, their rays (N, 3) in its axes, by how many frames its pictures are
+    late, and the greatest change of a tip's speed, px per frame^2."""
 
     def __init__(
         self, camera: Camera, contours: SilhouetteContours, late: float, bend: float
     ) -> None:
         self.camera, self.contours, self.late, self.bend = camera, contours, late, bend
-        own = contours.points
-        self.rays = camera.rays(own) if len(own) else np.zeros((0, 3))
+        self.rays = contours.trace(camera)
 
 
 def _match_pair(
@@ -137,13 +149,13 @@ def _match_pair(
     line, axes, distance = look_along_baseline(both[0].camera, both[1].camera, scene)
     if distance < NEAREST:
         return join_points([])
-    flat = [view.rays @ axes for view in both]
-    lengths = [np.maximum(np.linalg.norm(of, axis=1), 1e-12) for of in flat]
-    usable = [of[:, 0] > _AHEAD * length for of, length in zip(flat, lengths, strict=True)]
-    slopes = [
-        np.where(ok, of[:, 1] / np.maximum(of[:, 0], 1e-12), np.nan)
-        for of, ok in zip(flat, usable, strict=True)
-    ]
+    slopes = []
+    for view in both:
+        ahead, aside = (view.camera.R @ axes).T @ view.rays.T
+        with np.errstate(divide="ignore", invalid="ignore"):
+            slope = aside / ahead
+            usable = (ahead > 0) & (np.abs(slope) < _STEEPEST)
+        slopes.append(np.where(usable, slope, np.nan))
     found = []
     for sign in (-1.0, 1.0):
         tips = [
@@ -166,9 +178,9 @@ class _Tips:
         camera, contours = view.camera, view.contours
         tips = contours.find_tips(np.nan_to_num(slopes, nan=-np.inf))
         tips = tips[np.isfinite(slopes[tips])]
-        normals = np.cross(line, view.rays[tips])
+        normals = np.cross(camera.R @ line, view.rays[tips])
         lengths = np.maximum(np.linalg.norm(normals, axis=1), 1e-12)
-        across = np.linalg.norm((normals @ camera.R.T)[:, :2], axis=1) / lengths
+        across = np.linalg.norm(normals[:, :2], axis=1) / lengths
         self.per_pixel = across / (lengths * camera.K[0, 0])
         self.angles = sign * np.arctan(slopes[tips])
         self.indices, self.frames = tips, contours.frames[tips]

@@ -44,7 +44,7 @@ _LEAST_ROWS = 4
 
 @dataclass(frozen=True)
 class RigSpread:
-    """Standard deviations of the errors of cameras.
+    """Standard deviations of the errors of cameras; what has none, 0, is held.
 
     turn: of the rotation about an axis, rad. shift: of the position along an axis, m. focal: of the
     logarithm of the focal length. time: of the offset, frames; larger ones are whole frames.
@@ -147,7 +147,9 @@ def fit_rig(
     default. group: numbers (M,) of the groups of points whose noise is estimated apart.
     """
     values = np.zeros((len(rig), N_PARAMETERS)) if start is None else start
-    sizes = [*3 * [spread.turn], *3 * [spread.shift], spread.focal, spread.time]
+    sizes = np.array([*3 * [spread.turn], *3 * [spread.shift], spread.focal, spread.time])
+    free = np.broadcast_to(sizes > 0, values.shape)
+    sizes[sizes == 0] = np.inf
     held = measure_scene_motion(rig) / _HELD
     blocks = {name: block for more in further for name, block in more.start.items()}
     for gate in gates:
@@ -164,14 +166,15 @@ def fit_rig(
             changes = parameters["cameras"]
             cameras = correct_cameras(rig, changes)
             found = _measure_points(cameras, changes[:, 7], points, groups, uncertain)
-            residuals = [found, prior("cameras", changes, np.array(sizes)), _hold(held, changes)]
+            residuals = [found, prior("cameras", changes, sizes), _hold(held, changes)]
             for more in further:
                 residuals += more.measure(cameras, changes[:, 7], parameters)
             return residuals
 
         solution = solve(
-            evaluate, {"cameras": values, **blocks}, steps=_STEPS, eliminate=list(blocks)
-        )
+            evaluate, {"cameras": values, **blocks}, steps=_STEPS, eliminate=list(blocks),
+            free={"cameras": free},
+        )  # fmt: skip
         values = solution.parameters["cameras"]
         blocks = {name: solution.parameters[name] for name in blocks}
     residual = float(np.median(np.abs(solution.residuals[0].values)))

@@ -70,7 +70,7 @@ class PersonPoints:
     ) -> None:  # fmt: skip
         self.config = config
         #: Steps of the cameras; lenses are kept unless only an angle of view is stated.
-        self.spread = RigSpread(turn=0.1, shift=0.3, focal=0.3 * config.focal or 1e-4, time=5.0)
+        self.spread = RigSpread(turn=0.1, shift=0.3, focal=0.3 * config.focal, time=5.0)
         self.hulls = [HullRays(c, own) for c, own in zip(cameras, outlines, strict=True)]
         self.contours = [SilhouetteContours(own) for own in outlines]
         self.shortest = min(len(own) for own in outlines)
