@@ -5,7 +5,7 @@ COPY pyproject.toml README.md LICENSE /source/
 COPY cl /source/cl
 COPY psfs /source/psfs
 COPY apf /source/apf
-RUN pip install --no-cache-dir "/source[studio]" \
+RUN pip install --no-cache-dir "/source[studio,mesh]" \
     && mkdir -p /etc/OpenCL/vendors \
     && echo libnvidia-opencl.so.1 > /etc/OpenCL/vendors/nvidia.icd
 WORKDIR /data

@@ -20,7 +20,7 @@ from psfs.common.regions import iou
 from psfs.diagnostics.reprojection_iou import Checker
 from psfs.mesh.config import FORMATS, MOST_SMOOTHING
 from psfs.mesh.marching_cubes import Mesher, write_mesh
-from psfs.mesh.preview import mesh_silhouette
+from psfs.mesh.preview import load_open3d, mesh_silhouette
 from psfs.output.reconstruction_folder import ReconstructionFolder
 from psfs.request import MESH_DEFINITION, MeshRequest
 from psfs.sequence import Frame
@@ -32,6 +32,8 @@ _REPORT = "mesh_check.json"
 
 def run(request: MeshRequest) -> None:
     check_number("--smooth, steps,", request.smooth, 0, MOST_SMOOTHING)
+    if request.check:
+        load_open3d()  # says what is missing before the work
     run = ReconstructionFolder.open(request.out)
     run.warn_if_unfinished(warn)
     expected, targets = (_REPORT,) if request.check else (), _targets(request, run)

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import trimesh
 
+from cl.errors import InputError, pip_command
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.mesh.marching_cubes import vertex_colours
 from psfs.output.preview import draw_sheet, draw_views
@@ -44,14 +45,19 @@ def mesh_silhouette(mesh: trimesh.Trimesh, camera: Camera) -> np.ndarray:
 
 @cache
 def load_open3d() -> Any:
-    """Import open3d with the libusb of the package `libusb-package`, as bare machines have none."""
-    import libusb_package
+    """Import open3d with the libusb of the package `libusb-package`, as bare machines have none.
 
-    library = libusb_package.get_library_path()
-    if library:
-        ctypes.CDLL(str(library), mode=ctypes.RTLD_GLOBAL)
+    Raises InputError if the extra `mesh` is not installed."""
     # In notebooks Open3D would start a web server and print a message.
     os.environ.setdefault("OPEN3D_DISABLE_WEB_VISUALIZER", "true")
-    import open3d
+    try:
+        import libusb_package
 
+        if library := libusb_package.get_library_path():
+            ctypes.CDLL(str(library), mode=ctypes.RTLD_GLOBAL)
+        import open3d
+    except ImportError as error:
+        raise InputError(
+            f"silhouettes of meshes need Open3D ({error}); expected: {pip_command('mesh')}"
+        ) from None
     return open3d

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ from scipy import spatial
 from cl import Device, NumpyDevice, select_device
 from psfs.cli import main
 from psfs.mesh.marching_cubes import Mesher
+from psfs.mesh.preview import load_open3d
 from psfs.output.reconstruction_folder import ReconstructionFolder
 
 
@@ -27,6 +29,15 @@ def test_one_frame_checked(out: Path, tmp_path: Path) -> None:
     volume = ReconstructionFolder.open(out).cloud(1).volume
     assert report["frames"]["1"]["volume_m3"] == pytest.approx(volume, rel=0.08)
     assert path.stat().st_size > 10_000
+
+
+def test_a_check_without_open3d_says_what_to_install(
+    out: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    load_open3d.cache_clear()
+    monkeypatch.setitem(sys.modules, "open3d", None)
+    assert main(["mesh", str(out), "--check"]) == 2
+    assert "[mesh]'" in capsys.readouterr().err
 
 
 def test_all_frames_but_the_empty_one(out: Path, tmp_path: Path) -> None:
