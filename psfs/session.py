@@ -33,10 +33,9 @@ from psfs.voxels.host_voxels import HostVoxels
 
 R = TypeVar("R")
 
-#: Greatest size of the evidence maps that a session keeps, bytes: 109 frames of four VGA cameras.
-_EVIDENCE_BYTES = 2**27
-#: Greatest size of the carved frames that a session keeps, bytes.
-_CARVED_BYTES = 2**28
+#: Greatest size of the evidence maps that a session keeps, and of its carved frames, bytes: 218
+#: frames of four VGA cameras.
+_KEPT_BYTES = 2**28
 
 
 @dataclass(frozen=True)
@@ -183,7 +182,7 @@ class Session:
                     found[index] = self._evidence_of(read(index))
         for index in missing:
             self._evidence[index] = found[index]
-        while sum(of.nbytes for of in self._evidence.values()) > _EVIDENCE_BYTES:
+        while sum(of.nbytes for of in self._evidence.values()) > _KEPT_BYTES:
             self._evidence.popitem(last=False)
         return [found[index] for index in wanted]
 
@@ -232,7 +231,7 @@ class Session:
 
 
 class _CarvedFrames:
-    """Carved frames with silhouettes stored as compressed bits. If they exceed `_CARVED_BYTES`, all
+    """Carved frames with silhouettes stored as compressed bits. If they exceed `_KEPT_BYTES`, all
     are dropped and no more are kept."""
 
     def __init__(self, wanted: frozenset[int]) -> None:
@@ -249,7 +248,7 @@ class _CarvedFrames:
         self._shape = counts.shape
         self._frames[index] = shown, known, cloud
         self._n_bytes += len(shown) + len(known) + cloud.nbytes
-        if self._n_bytes > _CARVED_BYTES:
+        if self._n_bytes > _KEPT_BYTES:
             self._wanted = frozenset()
             self._frames.clear()
 

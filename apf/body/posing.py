@@ -10,7 +10,7 @@ from apf.body.cones import FAR_OUT
 from apf.body.model import AXES, BodyModel
 from cl import Array, Device, Launch
 from cl.program import Define
-from cl.workgroups import pack_defines, pack_size
+from cl.workgroups import ALONG, pack_defines, pack_size
 from psfs.common.cones import CONE_FLOATS
 
 #: Floats of a bone and of a free axis in the body's table, of a posed bone, and of the additional
@@ -20,7 +20,6 @@ BONE_FLOATS, AXIS_FLOATS, FRAME_FLOATS, SPAN_FLOATS = 16, 4, 12, 8
 _CONE_BONE = 11
 #: The compile-time definitions of cones.h.
 CONE_DEFINES: dict[str, Define] = {"CONE_FLOATS": CONE_FLOATS, "FAR_OUT": FAR_OUT}
-_GROUP = 64
 
 
 class Kinematics:
@@ -44,7 +43,7 @@ class Kinematics:
 
     def launcher(self, poses: Array) -> list[Launch]:
         """Return the launches that pose all cones of `poses` (N, D) float32."""
-        defines = body_defines(self.body) | pack_defines(self.device, _GROUP)
+        defines = body_defines(self.body) | pack_defines(self.device, ALONG)
         return [
             self.device.launch(
                 self.device.kernel("tracking/kinematics", "pose_cones", **defines, **CONE_DEFINES),

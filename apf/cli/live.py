@@ -27,7 +27,7 @@ from apf.request import LiveRequest
 from apf.takes.results import RESULTS, Keeper, remove_parts, write_people
 from apf.takes.start import check_start
 from apf.tracking.people import PeopleTracks, person_folder
-from apf.tracking.pipeline import build_track
+from apf.tracking.pipeline import PART_SECONDS, build_track
 from apf.tracking.track import PARTS, Track
 from cl import Device, InputError, UserError, select_device
 from psfs.cli.commandline import stderr, stdout, warn
@@ -37,8 +37,6 @@ from psfs.common.ranges import check_number
 from psfs.common.requests import write_settings
 from psfs.opening import open_sequence
 
-#: Time between two parts of a track, s.
-_APART = 1.0
 #: True joints of each person by name.
 Truth = dict[str, JointSeries]
 
@@ -155,7 +153,7 @@ class TrackKeeper:
     def __call__(self, result: LiveResult, timeline: Timeline) -> None:
         if time.monotonic() < self._due or not result.latencies:
             return
-        self._due = time.monotonic() + _APART
+        self._due = time.monotonic() + PART_SECONDS
         newest = result.frames[len(result.latencies) - 1]
         tracks = make_tracks(self._live, result, (self._newest + 1, newest), self._provenance)
         for keeper, pose, track in zip(self._keepers, self._poses, tracks, strict=False):

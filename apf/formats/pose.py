@@ -9,9 +9,10 @@ import numpy as np
 from apf.body.model import BodyModel
 from cl import InputError
 from psfs.common.files import read_numbers, read_text, write_text
+from psfs.common.ranges import FARTHEST
 
-#: Largest distance from the origin, m, and largest angle, rad.
-FARTHEST, _MOST_TURNS = 10_000.0, 1000.0
+#: Largest angle, rad.
+_MOST_TURNS = 1000.0
 
 
 def read_pose(path: Path, body: BodyModel) -> np.ndarray:

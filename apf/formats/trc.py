@@ -15,8 +15,9 @@ import numpy as np
 
 from apf.formats.axes import AXES
 from cl import InputError
-from psfs.common.files import open_text, read_text
+from psfs.common.files import MOST_BYTES, open_text, read_text
 from psfs.common.numbers import METRES, drop_origin
+from psfs.common.ranges import FARTHEST, LARGEST, MOST_FRAMES
 
 #: Rotations from TRC axes to the world's (Z up): world = trc @ matrix.T
 CONVENTIONS: dict[str, np.ndarray] = dict(
@@ -30,10 +31,6 @@ CONVENTIONS: dict[str, np.ndarray] = dict(
         strict=True,
     )
 )
-#: Largest distance of a marker from the origin, m; most frames; most bytes of a file.
-FARTHEST, _MOST_FRAMES, _MOST_BYTES = 1e5, 1e9, 2**29
-#: Most frames of a file without times: nine hours at 30 frames/s.
-_MOST_BEATS = 1_000_000
 _KEYS = ("DataRate", "CameraRate", "NumFrames", "NumMarkers", "Units",
          "OrigDataRate", "OrigDataStartFrame", "OrigNumFrames")  # fmt: skip
 
@@ -95,10 +92,10 @@ class JointSeries:
             return self.fps, np.arange(len(self.frames))
         beats = self.frames - self.frames[0]
         step = max(int(np.gcd.reduce(beats)), 1)
-        if beats[-1] // step >= _MOST_BEATS:
+        if beats[-1] // step >= MOST_FRAMES:
             raise InputError(
                 f"frames {self.frames[0]} to {self.frames[-1]} in steps of {step} are too many for "
-                f"a file without times; expected at most {_MOST_BEATS}"
+                f"a file without times; expected at most {MOST_FRAMES}"
             )
         rows = np.full(beats[-1] // step + 1, -1)
         rows[beats // step] = np.arange(len(beats))
@@ -145,7 +142,7 @@ def read_trc(path: str | Path, convention: str = "y-up") -> JointSeries:
     naming the line that is wrong.
     """
     path = Path(path)
-    lines = read_text(path, "a TRC file", _MOST_BYTES).splitlines()
+    lines = read_text(path, "a TRC file", MOST_BYTES).splitlines()
     if len(lines) < 5 or not lines[0].startswith("PathFileType"):
         raise InputError(
             f"{path}: not a TRC file; expected its first line to be PathFileType 4 ..."
@@ -163,8 +160,8 @@ def read_trc(path: str | Path, convention: str = "y-up") -> JointSeries:
     if not rows:
         raise InputError(f"{path}: holds no frame after the header")
     table = np.array(rows)
-    if not (np.abs(table[:, 0]) <= _MOST_FRAMES).all():
-        raise InputError(f"{path}: a Frame# is not a number from 0 to {_MOST_FRAMES:g}")
+    if not (np.abs(table[:, 0]) <= LARGEST).all():
+        raise InputError(f"{path}: a Frame# is not a number from 0 to {LARGEST:g}")
     if promised is not None and promised > len(rows):
         raise InputError(
             f"{path}: {len(rows)} frames; its NumFrames promises {promised}; it is cut or damaged"

@@ -10,11 +10,11 @@ from apf.body.kinematics import posed_joints
 from apf.body.limbs import limb_chains
 from apf.body.model import BodyModel
 from apf.body.schema import TALLEST
-from apf.formats.pose import FARTHEST
 from apf.initialisation.body_fit import Fitted, PointEvidence, fit_body
 from apf.initialisation.shape_model import ShapeModel
 from cl import InputError
 from psfs.cameras.names import join_names
+from psfs.common.ranges import FARTHEST
 
 #: Standard deviation, m, of a joint's position: small, so that the person's lengths are the joints'
 #: where these show them.

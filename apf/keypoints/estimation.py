@@ -27,6 +27,7 @@ from psfs.common.system import ignore_signals
 from psfs.people.people import StandingPeople
 from psfs.sequence import Frame, Sequence
 from psfs.silhouettes.config import SilhouetteConfig
+from psfs.voxels.config import DEBRIS_SHARE
 
 
 @dataclass(frozen=True)
@@ -45,8 +46,6 @@ class EstimationJob:
 #: crop's border, below which a new crop is made, and size of a crop that is too large, as shares of
 #: the silhouette's larger side.
 _MARGIN, _SLACK, _LARGEST = 0.5, 0.1, 4.0
-#: Share of the largest part of the silhouette below which others are left out.
-_SPECKLE = 0.1
 #: Shared between a process and its parent: the number of pictures done by all, and a stop event.
 _shared: dict[str, Any] = {}
 
@@ -179,7 +178,7 @@ def update_crop(silhouette: np.ndarray, before: np.ndarray | None) -> np.ndarray
     before: the last crop, kept while the person fits into it. None, the whole picture, for an empty
     silhouette.
     """
-    rows, columns = np.nonzero(keep_large_regions(silhouette, _SPECKLE))
+    rows, columns = np.nonzero(keep_large_regions(silhouette, DEBRIS_SHARE))
     if not rows.size:
         return None
     low = np.array([columns.min(), rows.min()])

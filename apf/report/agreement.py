@@ -14,6 +14,7 @@ from apf.body.cones import project_outlines
 from apf.body.kinematics import posed_cones
 from apf.body.limbs import LIMB_ENDS, limb_chains
 from apf.body.model import BodyModel
+from apf.evaluation.evaluate import LOST_JOINT
 from apf.keypoints.keypoints import Keypoints
 from apf.keypoints.landmarks import locate_points
 from apf.report.drawing import check_indices
@@ -36,9 +37,6 @@ _LEAST_PIXELS = 20
 #: A surface voxel farther than this from every cone, m, is unexplained: about a forearm's girth,
 #: and more than the hulls of few cameras exceed the body.
 VOXEL_FAR = 0.10
-#: Distance, m, at the point's depth beyond which the body does not explain a keypoint; the points
-#: of people differ by less from their prior position on the body.
-KEYPOINT_FAR = 0.15
 
 
 @dataclass(frozen=True)
@@ -226,7 +224,7 @@ def measure_keypoint_agreement(track: Track, keypoints: Keypoints, rig: CameraRi
     depths = [(expected @ camera.R[2] + camera.t[2]) / camera.K[0, 0] for camera in rig]
     apart = (off * depths).reshape(seen.shape[:-1])
     sure = (np.nan_to_num(seen[..., 2]) >= TriangulationConfig().min_confidence) & ~np.isnan(apart)
-    near = sure & (apart <= KEYPOINT_FAR) & (apart >= 0)
+    near = sure & (apart <= LOST_JOINT) & (apart >= 0)
     with np.errstate(invalid="ignore"):
         shares: np.ndarray = near.sum((0, 2)) / sure.sum((0, 2))
     return shares

@@ -18,6 +18,7 @@ from apf.synthetic.skeleton import Motion
 from apf.synthetic.walk import Walk
 from cl import Device, InputError, NumpyDevice
 from cl.signature import Argument
+from cl.workgroups import row_group
 from psfs.cameras.camera import CameraRig
 
 #: Texels of the floor's shadow map and their size, m.
@@ -31,8 +32,6 @@ HIT, MARCH_STEPS, FAR = 5e-4, 64, 1e6
 _NOISE_MARGIN = 64
 
 _STAGE = "synthetic/scene"
-#: Work group size over the pixels.
-_GROUP = (16, 4, 1)
 
 
 class SceneRenderer:
@@ -95,7 +94,7 @@ class SceneRenderer:
             device.launch(
                 device.kernel(_STAGE, name, **defines),
                 grid,
-                _GROUP,
+                row_group(device),
                 **room,
                 **body,
                 **drawn,
@@ -117,7 +116,7 @@ class SceneRenderer:
         device.launch(
             device.kernel(_STAGE, "empty_room", **defines),
             (rig.width, rig.height, len(rig)),
-            _GROUP,
+            row_group(device),
             **arrays,
             posters=device.to_device(furniture.posters),
             boxes=device.to_device(furniture.boxes),

@@ -8,13 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from psfs.calibration.calibrator import CalibrationResult
-from psfs.calibration.scene import GOOD, reprojection_errors, rms
+from psfs.calibration.scene import BAD, GOOD, reprojection_errors, rms
 from psfs.calibration.start.placing import FEW_FRAMES, count_shared_frames
 from psfs.calibration.targets.target import Sighting, group_by_view
 from psfs.cameras.camera import Camera
 
-#: Reprojection error above which a calibration is unusable, px.
-_BAD = 3.0
 #: Share of a picture's cells that should have held the target.
 _COVERED = 0.3
 
@@ -151,7 +149,7 @@ def judge_calibration(views: list[ViewReport]) -> str:
     level = rms(errors)
     found = f"reprojection error {level:.2f} px (95 %: {np.percentile(errors, 95):.2f})"
     wrong = sum(bool(view.faults) for view in views)
-    if level > _BAD:
+    if level > BAD:
         return f"not to be used: {found}"
     if level > GOOD or wrong:
         count = f"; {wrong} of {len(views)} cameras to look at" if wrong else ""

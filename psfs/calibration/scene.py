@@ -16,8 +16,10 @@ from psfs.cameras.camera import Camera
 #: Error beyond which a sighting is left out before the last bundle adjustment; of all sightings:
 #: beyond which the calibration has failed, px.
 OUTLIER = 8.0
-#: Error up to which a calibration is good, px: detectors reach 0.1 to 0.5.
+#: Error up to which a calibration is good, px: detectors reach 0.1 to 0.5; above which it is
+#: unusable.
 GOOD = 1.0
+BAD = 3.0
 
 
 @dataclass(frozen=True, eq=False)

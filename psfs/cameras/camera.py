@@ -14,17 +14,15 @@ import numpy as np
 
 from cl import InputError
 from psfs.cameras.distortion import distort, largest_radius2, undistort
-from psfs.common.ranges import check_name, check_picture_size
+from psfs.common.ranges import LARGEST, check_name, check_picture_size
 
 #: Largest rig.
 MOST_CAMERAS = 1000
 #: Floats per camera in `CameraRig.packed()`.
 CAMERA_FLOATS = 32
-#: Points projected at a time: their values stay in the cache, which is ten times as fast as all at
-#: once.
-_BLOCK = 16_384
-#: Largest absolute value of any camera parameter; lengths may be in any unit before conversion.
-_MAX_VALUE = 1e7
+#: Points projected, or pixels traced, at a time: their values stay in the cache, which is ten times
+#: as fast as all at once.
+BLOCK = 16_384
 #: Shortest focal length, px; a smaller number must be in another unit.
 _MIN_FOCAL_LENGTH_PX = 0.1
 
@@ -83,10 +81,10 @@ class Camera:
             values = np.asarray(getattr(self, field))
             if not np.isfinite(values).all():
                 raise InputError(f"camera {self.name}: {field} holds a number that is not finite")
-            if np.abs(values).max() > _MAX_VALUE:
+            if np.abs(values).max() > LARGEST:
                 largest = values.ravel()[np.abs(values).argmax()]
                 raise InputError(
-                    f"camera {self.name}: {field} holds {largest:g}; expected up to {_MAX_VALUE:g}"
+                    f"camera {self.name}: {field} holds {largest:g}; expected up to {LARGEST:g}"
                 )
         if np.abs(self.R @ self.R.T - np.eye(3)).max() > 1e-3 or np.linalg.det(self.R) < 0:
             raise InputError(
@@ -148,8 +146,8 @@ class Camera:
         flat = points.reshape(-1, 3)
         u, v, depth = np.empty((3, len(flat)))
         seen = np.empty(len(flat), bool)
-        for start in range(0, len(flat), _BLOCK):
-            of = slice(start, start + _BLOCK)
+        for start in range(0, len(flat), BLOCK):
+            of = slice(start, start + BLOCK)
             u[of], v[of], depth[of], seen[of] = self._project_block(flat[of])
         shape = points.shape[:-1]
         return u.reshape(shape), v.reshape(shape), depth.reshape(shape), seen.reshape(shape)

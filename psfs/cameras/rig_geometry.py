@@ -11,7 +11,7 @@ from psfs.cameras.camera import Camera, CameraRig
 #: Points along a side of the lattices; odd, so that the centre is one of them.
 _COARSE, _FINE = 21, 41
 #: Cameras that are less than this apart, m, are at the same place.
-_SAME_PLACE = 1e-3
+SAME_PLACE = 1e-3
 
 
 def axis_projectors(rig: CameraRig) -> np.ndarray:
@@ -61,7 +61,7 @@ def look_along_baseline(
     line = line / max(length, 1e-12)
     ahead = scene - first.centre
     ahead = ahead - line * (ahead @ line)
-    distance = float(np.linalg.norm(ahead)) if length >= _SAME_PLACE else 0.0
+    distance = float(np.linalg.norm(ahead)) if length >= SAME_PLACE else 0.0
     ahead = ahead / max(distance, 1e-12)
     return line, np.stack([ahead, np.cross(line, ahead)], -1), distance
 

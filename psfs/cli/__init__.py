@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import os
+import signal
 import sys
 from collections.abc import Callable
-
-_INTERRUPTED = 130
 
 
 def start_program(program: str, run: Callable[[], int]) -> int:
@@ -20,7 +19,7 @@ def start_program(program: str, run: Callable[[], int]) -> int:
         return run()
     except KeyboardInterrupt:
         print(f"{program}: interrupted", file=sys.stderr)
-        return _INTERRUPTED
+        return 128 + signal.SIGINT  # as shells say it
 
 
 def main(argv: list[str] | None = None) -> int:

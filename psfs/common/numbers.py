@@ -62,11 +62,7 @@ def json_number(value: float, digits: int = 5) -> float | None:
     return round(float(value), digits) if np.isfinite(value) else None
 
 
-#: More than any cost.
-_FAR = 1e6
-
-
-def match_pairs(costs: np.ndarray, limit: float = _FAR) -> list[tuple[int, int]]:
+def match_pairs(costs: np.ndarray, limit: float = np.inf) -> list[tuple[int, int]]:
     """Return the pairs (row, column) of least total cost (Hungarian method), each in one pair at
     most, of those with a cost below `limit`.
 
@@ -75,7 +71,9 @@ def match_pairs(costs: np.ndarray, limit: float = _FAR) -> list[tuple[int, int]]
     if not costs.size:
         return []
     possible = np.isfinite(costs) & (costs < limit)
-    pairs = zip(*scipy.optimize.linear_sum_assignment(np.where(possible, costs, _FAR)), strict=True)
+    impossible = 1 + np.abs(costs[possible]).sum()  # more than all others together
+    chosen = scipy.optimize.linear_sum_assignment(np.where(possible, costs, impossible))
+    pairs = zip(*chosen, strict=True)
     return [(int(row), int(column)) for row, column in pairs if possible[row, column]]
 
 

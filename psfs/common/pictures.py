@@ -17,7 +17,7 @@ os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
 from PIL import Image, UnidentifiedImageError
 
 from cl import InputError
-from psfs.common.ranges import check_picture_size
+from psfs.common.ranges import MOST_PIXELS, check_picture_size
 from psfs.common.reading import open_input, parsing
 
 if hasattr(cv2, "setLogLevel"):  # OpenCV 4
@@ -25,8 +25,8 @@ if hasattr(cv2, "setLogLevel"):  # OpenCV 4
 else:
     cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
 
-#: Largest picture file.
-_MOST_BYTES = 2**30
+#: Largest picture file: uncompressed, of four bytes a pixel.
+_MOST_BYTES = 4 * MOST_PIXELS
 
 
 def read_picture(path: Path, flags: int = cv2.IMREAD_COLOR) -> np.ndarray:

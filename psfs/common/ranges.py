@@ -15,6 +15,10 @@ from cl import InputError
 LARGEST, SMALLEST = 1e9, 1e-12
 #: Pixels along a side of a picture, and in all.
 LONGEST_SIDE, MOST_PIXELS = 32_768, 2**28
+#: Greatest distance from the origin, m.
+FARTHEST = 10_000.0
+#: Most frames of a file that states them: nine hours at 30 frames/s.
+MOST_FRAMES = 1_000_000
 #: Most ranges of frames that a message names; files have all.
 NAMED = 4
 

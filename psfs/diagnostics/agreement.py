@@ -25,8 +25,6 @@ _VOXELS, _FRAMES = 150_000, 12
 #: Distance from the common hull within which foreground is the person's, as a share of the hull's
 #: height: what lies farther away is clutter.
 _NEAR = 0.15
-#: Share of the silhouettes by which sound ones differ at their rims, in pictures of this size.
-RIM = 0.02
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,7 +14,8 @@ import scipy
 
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.names import join_names
-from psfs.diagnostics.agreement import RIM, CameraAgreement
+from psfs.diagnostics.agreement import CameraAgreement
+from psfs.diagnostics.config import SPECKLE_SHARE
 from psfs.diagnostics.fault import Evidence, Fault, significant
 from psfs.diagnostics.tangency import CAP, PairSums, Tangency
 
@@ -253,7 +254,7 @@ def find_outlier(agreement: CameraAgreement) -> tuple[int, np.ndarray]:
     rows = np.column_stack([agreement.with_others(view), beside, without[:, view]])[known]
 
     def gain(shares: np.ndarray) -> float:
-        return math.log((min(shares[0], shares[1]) + RIM) / (shares[2] + RIM))
+        return math.log((min(shares[0], shares[1]) + SPECKLE_SHARE) / (shares[2] + SPECKLE_SHARE))
 
     count, total = len(rows), rows.sum(0)
     parts = [gain((total - row) / max(count - 1, 1)) for row in rows]

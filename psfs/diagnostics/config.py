@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-#: Parts of a silhouette smaller than this share of its largest part are speckle.
+#: Share of a silhouette up to which what differs is noise: of parts beside the largest one, of what
+#: lies beyond the volume or a hull.
 SPECKLE_SHARE = 0.02
 
 DEFINITION = (

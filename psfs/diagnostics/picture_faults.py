@@ -8,13 +8,12 @@ from itertools import combinations, product
 import cv2
 import numpy as np
 
+from psfs.background.gaussian import STD_FLOOR
 from psfs.cameras.names import join_names
 from psfs.common.numbers import find_true_runs
 from psfs.diagnostics.fault import Evidence, Fault, significant
 from psfs.volume import describe_expected_person
 
-#: Standard deviation of a picture, grey levels, that the noise of a sensor has: it shows nothing.
-_NOISE = 2.0
 #: Share of a picture that a person fills at most.
 _FILLED = 0.5
 #: Correlation of a picture with another of the same view; pictures of other views are below half.
@@ -31,7 +30,6 @@ _STEADY, _LARGE = 0.6, 0.15
 _FLICKER = 0.03
 #: Share of an expected silhouette that must have moved while a picture stands still.
 _MOVED = 0.3
-_CROSS = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
 
 
 def find_empty(evidence: Evidence) -> Iterator[Fault]:
@@ -45,7 +43,7 @@ def find_empty(evidence: Evidence) -> Iterator[Fault]:
     seen = np.array([[outline is not None for outline in row] for row in views.outlines])
     for view, (camera, name) in enumerate(zip(evidence.rig, evidence.names, strict=True)):
         width, height = camera.size
-        if views.pictures is not None and (views.typical[view, :height, :width].std() < _NOISE):
+        if views.pictures is not None and (views.typical[view, :height, :width].std() < STD_FLOOR):
             text = (
                 f"camera {name}: its pictures are of one brightness and show nothing; was its "
                 "lens covered, or its signal lost? Leave it out (--cameras)"
@@ -260,7 +258,8 @@ def _find_person(evidence: Evidence, view: int) -> str:
     outlines = [row[view] for row in views.outlines]
     areas = [outline.area for outline in outlines if outline is not None]
     usual = float(np.median(areas)) if areas else np.inf
-    steady = cv2.morphologyEx((shown.mean(0) >= _STEADY).astype(np.uint8), cv2.MORPH_OPEN, _CROSS)
+    cross = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
+    steady = cv2.morphologyEx((shown.mean(0) >= _STEADY).astype(np.uint8), cv2.MORPH_OPEN, cross)
     count, labels, facts, _ = cv2.connectedComponentsWithStats(steady, connectivity=4)
     background = _edges(_backdrop(evidence, view))
     pictures = [_edges(picture) for picture in _crop(evidence, views.pictures, view)]
@@ -268,7 +267,7 @@ def _find_person(evidence: Evidence, view: int) -> str:
         if facts[part, cv2.CC_STAT_AREA] < _LARGE * usual:
             continue
         inside = (labels == part).astype(np.uint8)
-        rim = cv2.dilate(inside, _CROSS, iterations=2) > cv2.erode(inside, _CROSS)
+        rim = cv2.dilate(inside, cross, iterations=2) > cv2.erode(inside, cross)
         there = float(background[rim].mean())
         ratios = np.array([there / max(float(edges[rim].mean()), 1e-6) for edges in pictures])
         if significant(np.log(ratios), np.log(_STRONGER)):

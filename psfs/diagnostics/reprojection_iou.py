@@ -8,7 +8,7 @@ from functools import reduce
 import cv2
 import numpy as np
 
-from psfs.cameras.camera import Camera, CameraRig
+from psfs.cameras.camera import BLOCK, Camera, CameraRig
 from psfs.cameras.footprints import voxel_footprints
 from psfs.common.regions import iou, keep_large_regions
 from psfs.diagnostics.config import SPECKLE_SHARE
@@ -18,12 +18,8 @@ from psfs.silhouettes.hidden import UNKNOWN
 from psfs.voxels.grid import VoxelCloud, VoxelGrid
 from psfs.voxels.host_voxels import voxel_silhouette
 
-#: Pixels whose rays are found at a time: more need more memory.
-_TOGETHER = 2**18
 #: Least share of a part that must lie within the volume for the part to count whole.
 _MOSTLY = 0.4
-#: Mean share of silhouettes beyond the volume above which a warning is given.
-_CUT = 0.02
 
 
 class Checker:
@@ -102,7 +98,11 @@ def share_beyond_volume(silhouettes: np.ndarray, region: np.ndarray) -> np.ndarr
 def describe_cut_silhouettes(names: Items[str], beyond: np.ndarray) -> str | None:
     """Return a warning if silhouettes reach beyond the volume; `beyond`: shares (frames, V)."""
     shares = np.nan_to_num(np.ma.masked_invalid(beyond).mean(axis=0).filled(0.0))
-    cut = [f"{name} {share:.0%}" for name, share in zip(names, shares, strict=True) if share > _CUT]
+    cut = [
+        f"{name} {share:.0%}"
+        for name, share in zip(names, shares, strict=True)
+        if share > SPECKLE_SHARE
+    ]
     if not cut:
         return None
     return (
@@ -122,7 +122,7 @@ def volume_region(rig: CameraRig, grid: VoxelGrid) -> np.ndarray:
 def _hits_box(camera: Camera, grid: VoxelGrid, shape: tuple[int, int]) -> np.ndarray:
     """Return the pixels (H, W) bool whose ray meets the box (slab method)."""
     (width, height), region = camera.size, np.zeros(shape, bool)
-    step = max(1, _TOGETHER // width)
+    step = max(1, BLOCK // width)
     for top in range(0, height, step):
         rows = np.arange(top, min(top + step, height))
         u, v = np.meshgrid(np.arange(width), rows)

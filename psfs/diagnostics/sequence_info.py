@@ -9,6 +9,7 @@ import numpy as np
 
 from psfs.cameras.camera import CameraRig
 from psfs.cameras.rig_geometry import (
+    SAME_PLACE,
     find_seen_box,
     find_seen_points,
     intersect_axes,
@@ -21,8 +22,6 @@ from psfs.sequence import Sequence
 UNIT_ASKED = "State the `unit`"
 #: Range of a rig's size, m, around people or objects; a size outside hints at a wrong unit.
 PLAUSIBLE_EXTENT = (0.05, 100.0)
-#: Distance, m, below which cameras count as being in one place.
-_ONE_PLACE = 1e-6
 #: Names of keypoints: ours, Pose2Sim's, OpenPose's, FreeMoCap's, OpenCap's, DeepLabCut's.
 _KEYPOINTS = (
     "keypoints.npz", "pose", "pose-2d", "openpose*", "*_json", "keypoints",
@@ -114,7 +113,7 @@ def rig_warnings(rig: CameraRig) -> list[str]:
     warnings = []
     extent = rig_extent(rig)
     low, high = PLAUSIBLE_EXTENT
-    if len(rig) > 1 and extent < _ONE_PLACE:
+    if len(rig) > 1 and extent < SAME_PLACE:
         warnings.append("all cameras stand at one place; expected them around what is filmed")
     elif not low <= extent <= high:
         large = "millimetres" if extent > 10 * high else "centimetres"

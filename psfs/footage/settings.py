@@ -12,7 +12,7 @@ from pydantic import ValidationInfo, field_validator
 from cl import InputError
 from psfs.common.config import Config, setting
 from psfs.common.files import read_toml
-from psfs.common.ranges import check_name
+from psfs.common.ranges import FARTHEST, check_name
 
 #: How silhouettes are made. "gaussian": background model from pictures of the empty scene
 #: (`background/`); "frames": the same, estimated from the sequence's own frames; "masks": given
@@ -26,8 +26,6 @@ BackgroundKind = Literal[
 ]
 #: Those by a mixture of Gaussians.
 MIXTURES = ("mog", "mog-adaptive", "mog-plain")
-#: Largest coordinate of a corner of the volume, m.
-_MAX_COORDINATE = 10_000.0
 
 #: What is filmed. People stand on the floor and are 0.5 to 2.5 m tall; objects may be anything.
 Subject = Literal["person", "object"]
@@ -262,7 +260,7 @@ def _check_volume(value: object) -> object:
             raise InputError(f"volume has the keys {', '.join(map(str, value))}; expected own")
         low, high = _check_corners(value["own"], math.inf)
         return {"own": [low.tolist(), high.tolist()]}
-    return _check_corners(value, _MAX_COORDINATE)
+    return _check_corners(value, FARTHEST)
 
 
 def _check_corners(value: object, farthest: float) -> tuple[np.ndarray, np.ndarray]:

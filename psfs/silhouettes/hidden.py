@@ -6,9 +6,7 @@ import numpy as np
 
 from cl import Array, Device, Launch
 from psfs.background.config import UNKNOWN as UNKNOWN
-
-#: Pixels per work-item.
-_LOT = 16
+from psfs.common.edge_distance import LOT
 
 
 def hide_launch(device: Device, hidden: np.ndarray, evidence: Array) -> Launch:
@@ -17,7 +15,7 @@ def hide_launch(device: Device, hidden: np.ndarray, evidence: Array) -> Launch:
 
     Kernel: hidden.cl; twin: `psfs.reference.reprojection.hide`.
     """
-    kernel = device.kernel("reconstruction/hidden", "hide", LOT=_LOT, UNKNOWN=UNKNOWN)
+    kernel = device.kernel("reconstruction/hidden", "hide", LOT=LOT, UNKNOWN=UNKNOWN)
     where = device.to_device(hidden.view(np.uint8), "the hidden pixels")
     return device.launch(
         kernel, (_lots(hidden.size),), (64,), n_pixels=hidden.size, hidden=where, evidence=evidence
@@ -25,4 +23,4 @@ def hide_launch(device: Device, hidden: np.ndarray, evidence: Array) -> Launch:
 
 
 def _lots(n_pixels: int) -> int:
-    return -(-n_pixels // _LOT)
+    return -(-n_pixels // LOT)

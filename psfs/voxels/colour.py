@@ -14,7 +14,7 @@ from psfs.voxels.surface import SurfaceList
 
 #: Bits of the float infinity, a depth that no voxel has. Depths are positive, so the order of their
 #: bits is that of their values.
-_FAR = 0x7F800000
+_FAR = int(np.float32(np.inf).view(np.int32))
 #: Distance, voxels, behind the nearest voxel up to which a voxel is visible: more than the diagonal
 #: of a voxel's face, 1.41, less than that of the cube, 1.73.
 TOLERANCE = 1.5

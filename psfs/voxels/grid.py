@@ -8,10 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from cl import InputError
+from psfs.common.ranges import FARTHEST
 from psfs.voxels.config import VOXEL_EDGES
-
-#: Greatest distance of the grid from the origin, m.
-_FARTHEST = 1e6
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,9 +33,9 @@ class VoxelGrid:
                 f"the voxel size is {self.voxel_size:g} m; expected {VOXEL_EDGES[0]:g} to "
                 f"{VOXEL_EDGES[1]:g}"
             )
-        if not (np.abs(self.origin) <= _FARTHEST).all():
+        if not (np.abs(self.origin) <= FARTHEST).all():
             raise InputError(
-                f"the grid's origin is {self.origin}; expected metres, up to {_FARTHEST:g}"
+                f"the grid's origin is {self.origin}; expected metres, up to {FARTHEST:g}"
             )
 
     @classmethod

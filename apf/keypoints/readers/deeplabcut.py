@@ -22,6 +22,7 @@ from cl import InputError
 from cl.errors import pip_command
 from psfs.cameras.names import join_names
 from psfs.common.files import MOST_BYTES, read_text
+from psfs.common.ranges import MOST_FRAMES
 from psfs.common.reading import open_input, parsing
 
 #: Endings of the files.
@@ -31,8 +32,6 @@ _COORDINATES = ("x", "y", "likelihood")
 _EXPECTED = "DeepLabCut's header rows scorer, bodyparts, coords"
 #: How SLEAP's csv begins.
 _SLEAP = [b"track", b"frame_idx"]
-#: Most frames of a table, an upper bound of what its numbers make the reader allocate.
-_MOST_FRAMES = 1_000_000
 #: What follows the video's name in a file's name: cam1DLC_resnet50_...
 _SCORER = "DLC"
 
@@ -126,8 +125,8 @@ def _arrange_sleap(path: Path, rows: list[list[str]]) -> tuple[list[Column], np.
         numbers = [[float(cell) if cell.strip() else np.nan for cell in r[3:]] for r in rows[1:]]
         tracks = list(dict.fromkeys(row[0] for row in rows[1:]))
         length = max(frames, default=-1) + 1
-        if length > _MOST_FRAMES:
-            raise InputError(f"frame {length - 1}; expected at most {_MOST_FRAMES}")
+        if length > MOST_FRAMES:
+            raise InputError(f"frame {length - 1}; expected at most {MOST_FRAMES}")
         values = np.full((length, len(tracks), len(names)), np.nan)
         for row, frame, cells in zip(rows[1:], frames, numbers, strict=True):
             values[frame, tracks.index(row[0])] = cells

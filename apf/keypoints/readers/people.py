@@ -24,6 +24,7 @@ from apf.keypoints.readers.raw import RawKeypoints
 from cl import InputError
 from psfs.cameras.names import join_names
 from psfs.common.files import read_json, read_text
+from psfs.common.ranges import MOST_FRAMES
 from psfs.common.reading import parsing
 
 #: `cam01.0000`, `cam01_000000_keypoints`: the camera, and the frame.
@@ -36,8 +37,6 @@ _MOST_GAPS = 20
 #: Most persons of a picture, numbers of a person, and bytes of all keypoints of a camera. Holistic
 #: networks list 553 points.
 _MOST_PERSONS, _MOST_NUMBERS, _MOST_BYTES = 200, 3000, 2**30
-#: Most persons in all frames of a camera together; an hour of ten persons has so many.
-_MOST_OF_ALL_FRAMES = 2_000_000
 _PICKLED = "a pickle of plain lists of frames, persons and pose_keypoints_2d"
 
 
@@ -214,8 +213,8 @@ def read_opencap(folder: Path, paths: Sequence[Path]) -> RawKeypoints:
         frames = read_plain_pickle(path, _PICKLED)
         if not isinstance(frames, list):
             raise InputError(f"{path}: holds a {type(frames).__name__}; expected {_PICKLED}")
-        if sum(len(frame) for frame in frames if isinstance(frame, list)) > _MOST_OF_ALL_FRAMES:
-            raise InputError(f"{path}: more than {_MOST_OF_ALL_FRAMES:,} persons in all frames")
+        if sum(len(frame) for frame in frames if isinstance(frame, list)) > MOST_FRAMES:
+            raise InputError(f"{path}: more than {MOST_FRAMES:,} persons in all frames")
         parts = (*path.relative_to(folder).parent.parts, path.stem)
         people[parts] = [_parse_persons(path, {"people": frame}) for frame in frames]
     return _build_raw(folder, people)

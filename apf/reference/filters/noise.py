@@ -9,10 +9,10 @@ from __future__ import annotations
 import numpy as np
 
 #: Stands where the particle's number would: a draw for the whole set.
-WHOLE_SET = 0xFFFFFFFF
+WHOLE_SET = np.iinfo(np.uint32).max
 
 _MASK = np.uint64(WHOLE_SET)
-_SHIFT = np.uint64(32)
+_SHIFT = np.uint64(np.iinfo(np.uint32).bits)
 
 
 def philox4x32(counter: np.ndarray, seed: int) -> np.ndarray:

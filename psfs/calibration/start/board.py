@@ -8,6 +8,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 
+from psfs.background.gaussian import SAMPLES
 from psfs.calibration.scene import (
     GOOD,
     CalibrationScene,
@@ -20,9 +21,6 @@ from psfs.calibration.start.placing import chain_poses
 from psfs.calibration.targets.target import Sighting, Target, group_by_frame
 from psfs.cameras.camera import Camera
 from psfs.common.numbers import pick_evenly
-
-#: Most frames of a camera pair that propose its relative pose.
-_PROPOSALS = 24
 
 
 def estimate_board_pose(camera: Camera, target: Target, sighting: Sighting) -> np.ndarray | None:
@@ -111,7 +109,7 @@ def _estimate_relative_pose(
     """
     a, b = pair
     frames = [frame for frame, view in seen if view == a and (frame, b) in seen]
-    picked = pick_evenly(len(frames), _PROPOSALS)
+    picked = pick_evenly(len(frames), SAMPLES)
     proposals = []
     for frame in (frames[k] for k in picked):
         for order in target.orders:

@@ -16,6 +16,8 @@ from psfs.common.numbers import pick_evenly
 _DEFAULT_FOCAL = 1.1
 #: Range of plausible focal lengths, in longer sides; outside it the estimate is rejected.
 _FOCAL_RANGE = (0.3, 10.0)
+#: Focal lengths that are tried for an unknown lens, in longer sides.
+FOCALS = np.geomspace(0.5, 3.0, 25)
 #: Most pictures of the board that are used; with fewer than the second number, a simple lens is
 #: assumed.
 _MOST, _FEW = 40, 4

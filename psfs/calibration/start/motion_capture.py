@@ -12,14 +12,12 @@ import numpy as np
 from cl import InputError
 from psfs.calibration.scene import CalibrationScene, place_camera, rigid_transform
 from psfs.calibration.start.board import choose_best_pose
-from psfs.calibration.start.lenses import with_focal_length
+from psfs.calibration.start.lenses import FOCALS, with_focal_length
 from psfs.calibration.targets.target import Sighting, Target, group_by_view, make_wand
 from psfs.cameras.camera import Camera
 from psfs.cameras.names import join_names
 from psfs.common.c3d import read_c3d_points
 
-#: Focal lengths to try for an unknown lens, in longer sides of the picture.
-_FOCALS = np.geomspace(0.5, 3.0, 25)
 #: Inlier thresholds, px: with a known lens, and with a guessed one.
 _INLIER_PX, _GUESSED_LENS_INLIER_PX = 4.0, 15.0
 #: Fewest frames in which a camera must see the markers.
@@ -107,7 +105,7 @@ def _place_by_markers(
     )
     pixels = np.concatenate([s.pixels for s in sightings for _ in target.orders])
     best: tuple[int, Camera] | None = None
-    for share in (None,) if lens_known else _FOCALS:
+    for share in (None,) if lens_known else FOCALS:
         tried = camera if share is None else with_focal_length(camera, share)
         cv2.setRNGSeed(0)
         found, turn, shift, inliers = cv2.solvePnPRansac(

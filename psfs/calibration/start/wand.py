@@ -10,20 +10,14 @@ import cv2
 import numpy as np
 
 from cl import InputError
-from psfs.calibration.scene import CalibrationScene, place_camera, rigid_transform
+from psfs.calibration.scene import BAD, CalibrationScene, place_camera, rigid_transform
 from psfs.calibration.start.board import choose_best_pose
-from psfs.calibration.start.lenses import with_focal_length
+from psfs.calibration.start.lenses import FOCALS, with_focal_length
 from psfs.calibration.start.placing import chain_poses
-from psfs.calibration.targets.target import Sighting, Target, group_by_frame
+from psfs.calibration.targets.target import EQUAL, Sighting, Target, group_by_frame
 from psfs.cameras.camera import Camera
 from psfs.cameras.triangulation import intersect_rays
 
-#: Inlier threshold of the essential matrix, px.
-_INLIER_PX = 3.0
-#: Largest relative error of the wand's length in a frame that agrees.
-_LENGTH_TOLERANCE = 0.1
-#: Focal lengths to try for unknown lenses, in longer sides of the picture.
-_FOCALS = np.geomspace(0.5, 2.5, 9)
 #: Most camera pairs that judge a focal length, and that propose a frame's wand pose.
 _JUDGES, _PROPOSERS = 4, 6
 
@@ -86,7 +80,7 @@ def estimate_focal_lengths(
         found = [_estimate_relative_pose(rig, target, sightings, pair) for pair in pairs[:_JUDGES]]
         return float(np.mean([1.0 if of is None else of[1] for of in found]))
 
-    return with_focal(min(_FOCALS, key=cost))
+    return with_focal(min(FOCALS, key=cost))
 
 
 def _estimate_relative_pose(
@@ -110,7 +104,7 @@ def _estimate_relative_pose(
     focal = np.sqrt(cameras[a].K[0, 0] * cameras[b].K[0, 0])
     cv2.setRNGSeed(0)
     E, inliers = cv2.findEssentialMat(
-        first, second, np.eye(3), cv2.RANSAC, 0.9999, _INLIER_PX / focal, maxIters=5000
+        first, second, np.eye(3), cv2.RANSAC, 0.9999, BAD / focal, maxIters=5000
     )
     if E is None or E.shape != (3, 3):
         return None
@@ -134,7 +128,7 @@ def _scale_by_wand(
     middle = float(np.median(lengths))
     if not 0 < middle < np.inf:
         return None
-    right = np.abs(lengths / middle - 1) < _LENGTH_TOLERANCE
+    right = np.abs(lengths / middle - 1) < EQUAL - 1
     scale = float(np.linalg.norm(target.points[-1] - target.points[0])) / middle
     spread = float(np.median(np.abs(lengths / middle - 1)))
     return rigid_transform(R, scale * t), spread + 1 - float(right.sum() / frames)

@@ -11,6 +11,7 @@ from typing import Protocol
 import numpy as np
 
 from cl import InputError
+from psfs.background.gaussian import SAMPLES
 from psfs.calibration.targets.boards import Found, to_grey
 from psfs.calibration.targets.target import Sighting, Target
 from psfs.cameras.camera import CameraRig
@@ -19,11 +20,6 @@ from psfs.footage.layouts.uncalibrated import LAYOUT, read_uncalibrated
 from psfs.footage.settings import SequenceSettings
 from psfs.sequence import Frame
 from psfs.sequence import Sequence as Views
-
-#: Pictures of a camera whose median is the scene without the wand.
-_MEDIAN_PICTURES = 15
-#: Most frames searched for another board if the stated one is never found.
-_HINTS = 12
 
 
 class Finder(Protocol):
@@ -83,7 +79,7 @@ def find_sightings(
 def median_pictures(views: Views, chosen: Sequence[int]) -> list[np.ndarray]:
     """Return the median over time of every view's grey pictures (h, w) uint8, without what
     moves."""
-    picked = pick_evenly(len(chosen), _MEDIAN_PICTURES)
+    picked = pick_evenly(len(chosen), SAMPLES)
     stacks: list[list[np.ndarray]] = [[] for _ in views.rig]
     with views.reader() as read:
         for row in picked:
@@ -101,7 +97,7 @@ def find_hint(
 
     look: `describe_other_board` of a finder whose board is in none of the pictures.
     """
-    picked = pick_evenly(len(chosen), _HINTS)
+    picked = pick_evenly(len(chosen), SAMPLES)
     seen: dict[str, int] = {}
     with views.reader() as read:
         for row in picked:

@@ -10,7 +10,7 @@ import numpy as np
 from cl import InputError
 from psfs.common.ranges import check_number
 
-#: Ratio of a wand's two distances up to which its ends cannot be distinguished.
+#: Ratio of two lengths of a wand up to which they are taken for the same.
 EQUAL = 1.1
 
 

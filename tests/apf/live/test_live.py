@@ -239,7 +239,7 @@ def test_a_full_disk_leaves_the_parts(filmed: Path, tmp_path: Path, monkeypatch,
     def full(*_: object) -> None:
         raise InputError("joints.trc: cannot be written: No space left on device")
 
-    monkeypatch.setattr(live_command, "_APART", 0.0)
+    monkeypatch.setattr(live_command, "PART_SECONDS", 0.0)
     monkeypatch.setattr(live_command, "write_people", full)
     names = film(monkeypatch, filmed, {}, 20)
     assert live(filmed, tmp_path / "out", "--particles", "48", "--captures", *names) == 2
@@ -248,7 +248,7 @@ def test_a_full_disk_leaves_the_parts(filmed: Path, tmp_path: Path, monkeypatch,
 
 
 def test_poses_are_on_disk_while_a_run_goes_on(filmed: Path, tmp_path: Path, monkeypatch) -> None:
-    monkeypatch.setattr(live_command, "_APART", 0.0)
+    monkeypatch.setattr(live_command, "PART_SECONDS", 0.0)
     monkeypatch.setattr(live_command, "remove_parts", lambda folder: None)
     names = film(monkeypatch, filmed, {}, 20)
     assert live(filmed, tmp_path / "out", "--particles", "48", "--captures", *names) == 0
