@@ -9,8 +9,6 @@ from psfs.common.numbers import find_true_runs
 
 #: Order of the filter; running forwards and backwards doubles it.
 _ORDER = 2
-#: Padding at the ends of a stretch, in periods of the cut-off, so that the filter settles.
-_PAD = 2.0
 
 
 def fill_gaps(points: np.ndarray, longest: int | None = None) -> np.ndarray:
@@ -45,12 +43,11 @@ def low_pass(points: np.ndarray, rate: float, cutoff: float) -> np.ndarray:
 
     sections = butter(_ORDER, cutoff, fs=rate, output="sos")
     shortest = 3 * (2 * len(sections) + 1)  # SciPy's own padding
-    pad = max(shortest, round(_PAD * rate / cutoff))
     out = points.copy()
     for k in range(points.shape[1]):
         for run in find_true_runs(np.isfinite(points[:, k]).all(-1)):
             piece = points[run, k]
             if len(piece) > shortest:
-                padding = min(pad, len(piece) - 1)
-                out[run, k] = sosfiltfilt(sections, piece, axis=0, padlen=padding)
+                # Padded by all of itself: the filter has settled then.
+                out[run, k] = sosfiltfilt(sections, piece, axis=0, padlen=len(piece) - 1)
     return out

@@ -13,12 +13,12 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from scipy.constants import g as GRAVITY
 
 from apf.evaluation.joint_names import match_joints
 from apf.tracking.gait import measure_gait
 from apf.tracking.track import Track
 
-_GRAVITY = 9.81
 #: The factor and the power of that law; and the least Fr at which it is asked: slower people may
 #: dance.
 _STEPS, _POWER, _WALKS_ON = 0.87, 0.2, 0.5
@@ -99,10 +99,10 @@ def _find_fast_fall(track: Track, points: dict[str, np.ndarray]) -> str | None:
     if len(known) < 60:  # three frames: a single frame's jump is no fall
         return None
     greatest = float(np.quantile(known, 0.95))
-    if greatest < _FALL * _GRAVITY:
+    if greatest < _FALL * GRAVITY:
         return None
     return (
-        f"the body accelerates downward by {greatest / _GRAVITY:.1f} times gravity; expected at "
+        f"the body accelerates downward by {greatest / GRAVITY:.1f} times gravity; expected at "
         f"most 1: {track.fps:g} frames per second may be too high"
     )
 
@@ -118,8 +118,8 @@ def _find_fast_steps(track: Track, joints: np.ndarray, leg: float) -> str | None
     gait = measure_gait(replace(track, joints=np.stack(filtered, 1)))
     if gait is None:
         return None
-    froude, steps = gait.speed**2 / (_GRAVITY * leg), gait.cadence / 60
-    most = _MOST_STEPS * _STEPS * froude**_POWER * np.sqrt(_GRAVITY / leg)
+    froude, steps = gait.speed**2 / (GRAVITY * leg), gait.cadence / 60
+    most = _MOST_STEPS * _STEPS * froude**_POWER * np.sqrt(GRAVITY / leg)
     if froude < _WALKS_ON or steps < most:
         return None
     return (

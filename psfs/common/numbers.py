@@ -8,7 +8,7 @@ import scipy
 #: Metres per unit of length.
 METRES = {"mm": 1e-3, "cm": 1e-2, "m": 1.0}
 #: An inch, m.
-INCH = 0.0254
+INCH = scipy.constants.inch
 #: Probability of each test that sound footage, or a sound camera, is accused.
 FALSE_ALARMS = 1e-3
 

@@ -19,9 +19,8 @@ _FAR = 15.0
 #: Range of focal lengths as shares of the picture's longer side: fields of view of 152 to 0.6
 #: degrees.
 _FOCAL = (0.125, 100.0)
-#: Largest ratio of the focal lengths along a picture's sides: pixels are nearly square.
-_OBLONG = 2.0
-#: Largest factor by which a lens moves the middle of a picture's side.
+#: Largest factor by which a lens moves the middle of a picture's side, and by which pixels are
+#: wider than high, or higher than wide.
 _DISTORTED = 3.0
 #: Range of a person's size, m. Outside it, the unit is wrong by a power of ten.
 PERSON = (0.25, 4.0)
@@ -58,7 +57,7 @@ def _describe_lens(camera: Camera) -> str:
     """Return why a camera's focal length cannot be, or its distortion, which leaves no ray for the
     middle of the picture's nearest side or moves it by a factor; empty for one that can."""
     focal, width, height = float(camera.K[0, 0]), *camera.size
-    if not 1 / _OBLONG <= float(camera.K[1, 1]) / focal <= _OBLONG:
+    if not 1 / _DISTORTED <= float(camera.K[1, 1]) / focal <= _DISTORTED:
         return (
             f"focal lengths of {focal:.3g} and {camera.K[1, 1]:.3g} px; expected about the same "
             "along both sides"

@@ -33,8 +33,6 @@ NEAREST = 0.5
 #: Greatest change of a tip's speed from frame to frame, and difference between two cameras, px per
 #: frame: with half of it half as many tips count, and few fast ones.
 BEND = 2.0
-#: Distance between the keys of different frames, larger than any angle or pixel.
-_APART = 1e5
 
 
 class SilhouetteContours:
@@ -191,9 +189,10 @@ class _Tips:
     def _measure_rates(self, pixels: np.ndarray) -> np.ndarray:
         if len(pixels) < 3:
             return np.full(len(pixels), np.nan)
-        tree, near = scipy.spatial.cKDTree(np.column_stack([pixels, self.frames * _APART])), []
+        apart = 2 * _REACH  # frames, so that none is searched for in another
+        tree, near = scipy.spatial.cKDTree(np.column_stack([pixels, self.frames * apart])), []
         for step in (-1, 1):
-            wanted = np.column_stack([pixels, (self.frames + step) * _APART])
+            wanted = np.column_stack([pixels, (self.frames + step) * apart])
             away, index = tree.query(wanted, distance_upper_bound=_REACH)
             known = np.isfinite(away)
             angles = np.full(len(pixels), np.nan)
@@ -223,9 +222,10 @@ def _match_tips(a: _Tips, b: _Tips, gate: float) -> tuple[np.ndarray, np.ndarray
 def _find_nearest(a: _Tips, b: _Tips) -> tuple[np.ndarray, np.ndarray]:
     """Return for each tip of `a` the tip of `b` in the same frame with the nearest nominal angle,
     and the difference, rad; large where there is none."""
-    keys = b.frames * _APART + b.nominal
+    apart = 4 * np.pi  # between frames: two turns, for angles are less than one
+    keys = b.frames * apart + b.nominal
     order = np.argsort(keys)
-    wanted = a.frames * _APART + a.nominal
+    wanted = a.frames * apart + a.nominal
     right = np.searchsorted(keys[order], wanted).clip(0, len(keys) - 1)
     left = np.maximum(right - 1, 0)
     nearer = np.abs(keys[order[left]] - wanted) < np.abs(keys[order[right]] - wanted)

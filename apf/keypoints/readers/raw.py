@@ -9,6 +9,7 @@ import numpy as np
 
 from cl import InputError
 from psfs.cameras.names import join_names
+from psfs.common.ranges import LARGEST
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,8 +49,8 @@ def check_view(where: str, view: np.ndarray) -> None:
     if np.isinf(view).any():
         raise InputError(f"{where}: holds an infinite number; expected pixels, or NaN for missing")
     farthest = np.abs(known[:, :2]).max(initial=0)
-    if farthest > FARTHEST:
-        raise InputError(f"{where}: a place at {farthest:g} px; expected up to {FARTHEST:g}")
+    if farthest > LARGEST:
+        raise InputError(f"{where}: a place at {farthest:g} px; expected up to {LARGEST:g}")
     score = known[:, 2]
     if score.size and not 0 <= score.min() <= score.max() <= LARGEST_SCORE:
         raise InputError(
@@ -59,5 +60,3 @@ def check_view(where: str, view: np.ndarray) -> None:
 
 #: Networks' scores may slightly exceed 1 (heat maps, SimCC); much larger numbers are not scores.
 LARGEST_SCORE = 3.0
-#: Largest distance from the picture's corner, px, even of keypoints that a network guesses.
-FARTHEST = 1e6

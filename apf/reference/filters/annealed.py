@@ -60,14 +60,20 @@ class NumpyAnnealedParticleFilter(NumpyTracker):
             )
             # Launchers are made for two frames, which may end in different particle sets.
             self.likelihood.turn = layer + self._frame % 2 * config.n_layers
-            errors = self.likelihood(self.poses)
-            beta = annealing_exponent(errors, config.survival_rates[layer])
+            errors = self._score(self.poses)
+            beta = self._find_exponent(errors, config.survival_rates[layer])
             weights = normalised_weights(errors, beta)
             mean, self._deviation = moments(self.poses, weights)
             self._parents = systematic_parents(weights, uniform(config.seed, self._frame, layer))
             history.append((effective_size(errors, beta), beta, errors.min()))
         ess, beta, least_error = np.array(history).T
         return Estimate(self.body, mean, self._deviation, ess, beta, least_error)
+
+    def _score(self, poses: np.ndarray) -> np.ndarray:
+        return self.likelihood(poses)
+
+    def _find_exponent(self, errors: np.ndarray, survival_rate: float) -> float:
+        return annealing_exponent(errors, survival_rate)
 
 
 def build_voxel_objective(scene: Scene, method: Method, n_runs: int) -> NumpyLikelihood:

@@ -6,9 +6,6 @@ import numpy as np
 
 from apf.filters.particle_set import LOG2_BETA_LIMIT
 
-#: Halvings of the range of the exponent's logarithm.
-_BISECTIONS = 40
-
 
 def effective_size(errors: np.ndarray, beta: float) -> float:
     """Return (sum w)^2 / sum w^2 of w = exp(-beta (errors - min))."""
@@ -20,7 +17,7 @@ def annealing_exponent(errors: np.ndarray, survival_rate: float) -> float:
     """Return beta at which the effective sample size is `survival_rate` of the set (Deutscher &
     Reid 2005), found by bisection of its logarithm."""
     low, high = -LOG2_BETA_LIMIT, LOG2_BETA_LIMIT
-    for _ in range(_BISECTIONS):
+    while high - low > np.finfo(np.float32).eps:
         middle = 0.5 * (low + high)
         if effective_size(errors, 2.0**middle) > survival_rate * len(errors):
             low = middle
