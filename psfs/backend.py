@@ -29,6 +29,8 @@ from psfs.voxels.host_voxels import HostVoxels
 
 #: The result of `make_reconstructor`.
 AnyReconstructor = Reconstructor | NumpyReconstructor
+#: Divides the latest frame among people, see `make_division`.
+Divide = Callable[[np.ndarray, "int | None"], "Sequence[Voxels | HostVoxels]"]
 
 
 def make_reconstructor(
@@ -52,12 +54,13 @@ def make_division(
     grids: Sequence[VoxelGrid],
     n_spheres: int,
     colours: np.ndarray | None = None,
-) -> Callable[[np.ndarray, int], Voxels | HostVoxels]:
+) -> Divide:
     """Return a function that divides the latest frame of `reconstructor` among people, one for each
-    of `grids`, and returns the voxels of one of them.
+    of `grids`, and returns the voxels of each.
 
     It takes spheres (P, `n_spheres`, 4) that say where the people are, see
-    `psfs.voxels.division.Division`, and the person's number. colours: histograms (P, BANDS,
+    `psfs.voxels.division.Division`, and the number of the only person who is carved, if not None;
+    the others' voxels are then invalid. colours: histograms (P, BANDS,
     LEVELS^3) of each person's, if the frames have pictures.
     """
     rig, config = reconstructor.rig, reconstructor.config
@@ -66,13 +69,13 @@ def make_division(
     assert isinstance(device, Device)
     division = Division(device, rig, reconstructor.voxels, grids, n_spheres, config, colours)
 
-    def divide(spheres: np.ndarray, person: int) -> Voxels:
+    def divide(spheres: np.ndarray, person: int | None) -> list[Voxels]:
         division.spheres.set(spheres)
         if division.bands is not None:
             division.bands.set(find_bands(spheres))
-        voxels = division(person)[person]
-        voxels.frame = reconstructor.voxels.frame
-        return voxels
+        for voxels in division.persons:
+            voxels.frame = reconstructor.voxels.frame
+        return division(person)
 
     return divide
 

@@ -39,8 +39,6 @@ class Reconstructor:
     `AppearanceConfig.look_again` is off.
     """
 
-    streams = True
-
     def __init__(
         self,
         device: Device,

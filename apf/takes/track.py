@@ -15,7 +15,6 @@ from apf.takes.results import (
     FinishedTake,
     Keeper,
     finish_take,
-    was_interrupted,
     write_together,
     write_tracks,
 )
@@ -154,19 +153,16 @@ def _track_people(
                 raise
             progress.warn(f"{error}; without a first pose it is left out, as an object")
             persons = persons.without(number)
-    takes = list[Take]()
+    keepers = list[Keeper | None]()
     for number, start in enumerate(started, start=1):
-        session = _begin_person(job, persons, number)
-        _keep_judged(job, session)
+        _keep_judged(job, start.session)
         folders = persons.job(job, number).folders
-        takes.append(track_first(start, progress, Keeper(folders) if folders else None))
-        if was_interrupted(takes[-1].tracks[0], len(session.frames)) or takes[-1].error is not None:
-            break
-    else:
-        place_bodies(started, takes)
-        for number, (start, first) in enumerate(zip(started, takes, strict=True), start=1):
-            _begin_person(job, persons, number)
-            takes[number - 1] = track_again(start, first, progress)
+        keepers.append(Keeper(folders) if folders else None)
+    if not persons.alone:
+        progress.begin_everybody([len(start.session.frames) for start in started])
+    takes = track_first(started, progress, keepers)
+    place_bodies(started, takes)
+    takes = track_again(started, takes, progress)
     done, takes = [], list(map(add_surface, takes))
     for number, take in enumerate(takes, start=1):
         session = _begin_person(job, persons, number)

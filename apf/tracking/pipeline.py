@@ -9,6 +9,7 @@ from collections.abc import Sequence as Items
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from importlib.metadata import version
+from itertools import takewhile
 from pathlib import Path
 from typing import Any, TypeAlias, cast
 
@@ -30,13 +31,12 @@ from apf.likelihood.observations import (
 )
 from apf.scene import Scene
 from apf.tracking.limb_confidence import limb_margins
-from apf.tracking.recovery import RecoveringRuns
 from apf.tracking.track import Track, concatenate_tracks
 from apf.tracking.trackers import make_recovering_runs, make_recovering_tracker, with_seeds
-from apf.tracking.two_way import track_both_ways
+from apf.tracking.two_way import TwoWays
 from apf.tracking.uncertainty import joint_covariance
 from cl import InputError, UserError
-from psfs.people.separation import PersonReconstructor
+from psfs.people.separation import PersonSession
 from psfs.reconstructor import Reconstructor
 from psfs.sequence import Frame
 from psfs.session import Session
@@ -81,57 +81,209 @@ class Tracked:
     error: UserError | None = None
 
 
+@dataclass(frozen=True, eq=False)
+class TrackingRun:
+    """A task in a session's frames. keep: called about once per second with the tracks of the
+    frames since its last call, which it may store; stored files are read again at the end.
+    outlines: receives those of every frame's silhouettes, by its number."""
+
+    session: Session
+    task: TrackingTask
+    keep: KeepParts | None = None
+    outlines: dict[int, Outlines] | None = None
+
+
 def track_frames(
-    session: Session,
-    task: TrackingTask,
-    progress: Callable[[str], object] | None = None,
-    keep: KeepParts | None = None,
-    outlines: dict[int, Outlines] | None = None,
+    session: Session, task: TrackingTask, progress: Callable[[str], object] | None = None
 ) -> Tracked:
-    """Track a body through the session's frames, all seeds from one reconstruction.
+    """Track a body through the session's frames, see `track_people`."""
+    return track_people([TrackingRun(session, task)], progress)[0]
+
+
+def track_people(
+    runs: Items[TrackingRun], progress: Callable[[str], object] | None = None
+) -> list[Tracked]:
+    """Track the bodies of one person or several, all seeds of all people from one reconstruction.
 
     The noise grows with the time between frames, see `BodyModel.sigma`. progress: called with
     "tracking" after each frame of the forward pass and with "tracking back" after each frame of the
-    backward pass, see `track_both_ways`. keep: called about once per second with the tracks of the
-    frames since its last call, which it may store; stored files are read again at the end. A
-    KeyboardInterrupt ends the tracks after the last complete frame, and is raised again if there is
-    none. Any other error ends them likewise and is returned. outlines: receives those of every
-    frame's silhouettes, by its number.
+    backward pass of each person, see `TwoWays`. A KeyboardInterrupt ends the tracks after the last
+    complete frame, and is raised again if the first person has none; who has none then, and all who
+    follow, are left out. Any other error ends them likewise and is returned.
     """
-    sequence, method = session.sequence, task.method
-    check_rate(sequence, session.frames.step)
-    grid = automatic_grid(session) if method.uses_voxels else None
-    scaled = method.replace(filter=method.filter.scale_to_rate(session.rate))
-    scene = Scene(session.device, session.rig, grid, task.body)
-    report = progress or (lambda stage: None)
+    people = [_Person(run, progress or (lambda stage: None)) for run in runs]
+    try:
+        error = _sweep(people, backward=False) or _sweep(people, backward=True)
+    finally:
+        for person in people:
+            person.find_outlines()
+    if not people[0].parts:
+        raise error or InputError("there is no frame to track; expected at least one")
+    return [person.join(error) for person in takewhile(lambda each: each.parts, people)]
 
-    def estimate(frames: range) -> Iterator[tuple[int, list[Estimate]]]:
-        tracker = make_recovering_runs(scene, scaled, task.seeds)
-        tracker.start(task.pose)
-        seen = observations(session, task, frames)
-        if outlines is not None:
-            seen = _record_outlines(session, seen, outlines)
-        if not method.goes_back:
-            return track_forward(tracker, seen, report)
-        back = [make_recovering_tracker(scene, of) for of in with_seeds(scaled, task.seeds)]
-        return track_both_ways(session.device, tracker, back, seen, report, fps=session.rate)
 
-    described = _provenance(session, task, grid)
+def _sweep(people: Items[_Person], backward: bool) -> KeyboardInterrupt | UserError | None:
+    """Track everybody from their first poses on, or back; return what ended this early."""
+    sought = [person for person in people if person.begin(backward)]
+    ended: KeyboardInterrupt | UserError | None = None
+    try:
+        for index, seen in _observe_people(sought):
+            for person, observation in zip(sought, seen, strict=True):
+                if index in person.frames:
+                    person.step(index, observation)
+    except (KeyboardInterrupt, UserError) as error:
+        ended = error
+    for person in sought:
+        try:
+            person.finish(whole=ended is None)
+        except (KeyboardInterrupt, UserError) as error:
+            ended = error
+    return ended
 
-    def build_tracks(frames: list[int], estimates: list[list[Estimate]]) -> list[Track]:
-        order = slice(None, None, 1 if frames[0] <= frames[-1] else -1)
-        runs = zip(*estimates[order], strict=True)
-        return [
-            build_track(task.body, sequence.fps, frames[order], list(run), made)
-            for made, run in zip(described, runs, strict=True)
+
+class _Person:
+    """A run, with its trackers and their tracks in chunks, so that a long run holds only its rows
+    in memory, or none if they are stored.
+
+    frames: of the current sweep. parts: the first frame and the chunk of each seed's track; some
+    are files."""
+
+    def __init__(self, run: TrackingRun, report: Callable[[str], object]) -> None:
+        session, method = run.session, run.task.method
+        check_rate(session.sequence, session.frames.step)
+        grid = automatic_grid(session) if method.uses_voxels else None
+        self.run, self.frames, self._report = run, session.frames, report
+        self._method = method.replace(filter=method.filter.scale_to_rate(session.rate))
+        self._scene = Scene(session.device, session.rig, grid, run.task.body)
+        self._provenance = _provenance(session, run.task, grid)
+        self._pool = ThreadPoolExecutor(1)  # more would wait for Python's lock
+        self._outlines: dict[int, Future[list[np.ndarray]]] = {}
+        self.parts: list[tuple[int, Items[Track | Path]]] = []
+        self._begin_part()
+
+    def begin(self, backward: bool) -> bool:
+        """Put new trackers at the first pose; return whether there are frames on this side."""
+        task, session = self.run.task, self.run.session
+        first = 0 if task.frame is None else session.frames.index(task.frame)
+        self.frames = session.frames[:first][::-1] if backward else session.frames[first:]
+        if not self.frames:
+            return False
+        self._tracker = make_recovering_runs(self._scene, self._method, task.seeds)
+        self._tracker.start(task.pose)
+        self._ways: TwoWays | None = None
+        if task.method.goes_back:
+            methods = with_seeds(self._method, task.seeds)
+            back = [make_recovering_tracker(self._scene, of) for of in methods]
+            self._ways = TwoWays(
+                session.device, self._tracker, back, self._add, self._report, fps=session.rate
+            )
+        return True
+
+    def step(self, index: int, observation: Observation) -> None:
+        """Track the next frame."""
+        if self.run.outlines is not None:
+            voxels = cast("Voxels | HostVoxels", split_observation(observation)[0])
+            if (counts := voxels.download_evidence()) is not None:
+                self._outlines[index] = self._pool.submit(_find_outline_pixels, counts)
+        if self._ways is not None:
+            self._ways.step(index, observation)
+        else:
+            self._add(index, self._tracker.step(observation))
+            self._report("tracking")
+
+    def finish(self, whole: bool) -> None:
+        """End the sweep. whole: whether nothing ended it early."""
+        try:
+            if self._ways is not None:
+                self._ways.finish()
+        except (KeyboardInterrupt, UserError):
+            whole = False
+            raise
+        finally:
+            self._end_part(whole)
+
+    def _begin_part(self) -> None:
+        self._numbers, self._estimates = list[int](), list[list[Estimate]]()
+        self._until = time.perf_counter() + PART_SECONDS
+
+    def _add(self, index: int, estimates: list[Estimate]) -> None:
+        self._numbers.append(index)
+        self._estimates.append(estimates)
+        if time.perf_counter() > self._until:
+            self._end_part(keep=True)
+
+    def _end_part(self, keep: bool) -> None:
+        numbers, order = self._numbers, slice(None, None, 1 if self.frames.step > 0 else -1)
+        runs = zip(*self._estimates[order], strict=True)
+        self._begin_part()
+        if not numbers:
+            return
+        body, fps = self.run.task.body, self.run.session.sequence.fps
+        part = [
+            build_track(body, fps, numbers[order], list(run), made)
+            for made, run in zip(self._provenance, runs, strict=True)
         ]
+        self.parts.append((min(numbers), part))
+        if keep and self.run.keep is not None:
+            self.parts[-1] = min(numbers), self.run.keep(part) or part
 
-    begin = 0 if task.frame is None else session.frames.index(task.frame)
-    after = _collect_parts(estimate(session.frames[begin:]), build_tracks, keep)
-    if not begin or after.error is not None:
-        return after.join()
-    before = _collect_parts(estimate(session.frames[:begin][::-1]), build_tracks, keep)
-    return _Parts(before.chunks + after.chunks, before.error).join()
+    def find_outlines(self) -> None:
+        """Complete the outlines of the run."""
+        with self._pool:
+            pixels = [each.result() for each in self._outlines.values()]
+        if self.run.outlines is not None:
+            found = find_outlines(self.run.session.rig, pixels)
+            self.run.outlines.update(zip(self._outlines, found, strict=True))
+
+    def join(self, error: BaseException | None) -> Tracked:
+        """Return the tracks of all chunks."""
+        chunks = [part for _, part in sorted(self.parts, key=lambda each: each[0])]
+        tracks = [concatenate_tracks(run).judged for run in zip(*chunks, strict=True)]
+        if isinstance(error, KeyboardInterrupt):
+            tracks = [track.as_interrupted for track in tracks]
+        return Tracked(tracks, error if isinstance(error, UserError) else None)
+
+
+def _find_outline_pixels(counts: np.ndarray) -> list[np.ndarray]:
+    return find_outline_pixels(counts > 0, counts != UNKNOWN)
+
+
+def _observe_people(people: Items[_Person]) -> Iterator[tuple[int, list[Observation]]]:
+    """Yield the number of every frame that anybody of `people` needs, and what each is seen by."""
+    if not people:
+        return
+    session, task = people[0].run.session, people[0].run.task
+    if len(people) == 1:
+        alone = observations(session, task, people[0].frames)
+        yield from ((index, [observation]) for index, observation in alone)
+        return
+    ends = [end for person in people for end in (person.frames[0], person.frames[-1])]
+    step = people[0].frames.step
+    first, last = (min(ends), max(ends) + 1) if step > 0 else (max(ends), min(ends) - 1)
+    frames = range(first, last, step)
+    seen: Iterator[tuple[int, Items[Shown]]]
+    if isinstance(session, PersonSession) and task.method.uses_voxels:
+        everybody = observe_frames(session.joint.begin(), session.sequence.frames(_slice(frames)))
+        seen = ((index, session.joint.divide(index)) for index, _ in everybody)
+    else:
+        seen = ((index, [None] * len(people)) for index in frames)
+    for index, parts in seen:
+        found = list[Observation]()
+        for person in people:
+            own = person.run.session
+            shown = parts[own.number] if isinstance(own, PersonSession) else None
+            if shown is not None:
+                own.record_carved(index, cast("Voxels | HostVoxels", shown))
+            found.append(_add_keypoints(person.run.task, index, shown))
+        yield index, found
+
+
+def _add_keypoints(task: TrackingTask, index: int, shown: Shown) -> Observation:
+    return shown if task.keypoints is None else Observed(shown, task.keypoints(index))
+
+
+def _slice(frames: range) -> slice:
+    return slice(frames.start, frames.stop if frames.stop >= 0 else None, frames.step)
 
 
 def observations(
@@ -140,7 +292,7 @@ def observations(
     """Yield number and observation of `frames`, by default every frame of the session, with
     keypoints. Frames that the session is asked to keep are kept while they are carved."""
     frames = session.frames if frames is None else frames
-    method, keypoints = task.method, task.keypoints
+    method = task.method
     seen: Iterator[tuple[int, Shown]]
     if method.objective == "keypoints":
         seen = ((index, None) for index in frames)
@@ -151,14 +303,10 @@ def observations(
         else:
             silhouette = session.reconstruction.silhouette
             observe = make_feature_observer(session.device, session, method.features, silhouette)
-        stop = frames.stop if frames.stop >= 0 else None
-        chosen = slice(frames.start, stop, frames.step)
-        seen = observe_frames(observe, session.sequence.frames(chosen))
+        seen = observe_frames(observe, session.sequence.frames(_slice(frames)))
         if method.uses_voxels and task.tracked is None:
             seen = _keep_in_session(session, seen)
-    if keypoints is None:
-        return seen
-    return ((index, Observed(shown, keypoints(index))) for index, shown in seen)
+    return ((index, _add_keypoints(task, index, shown)) for index, shown in seen)
 
 
 def _keep_in_session(
@@ -168,28 +316,6 @@ def _keep_in_session(
     for index, voxels in seen:
         session.record_carved(index, cast("Voxels | HostVoxels", voxels))
         yield index, voxels
-
-
-def _record_outlines(
-    session: Session, seen: Iterable[tuple[int, Observation]], outlines: dict[int, Outlines]
-) -> Iterator[tuple[int, Observation]]:
-    """Yield the items of `seen`; find their outlines in another thread and add them to `outlines`
-    at the end."""
-
-    def find(counts: np.ndarray) -> list[np.ndarray]:
-        return find_outline_pixels(counts > 0, counts != UNKNOWN)
-
-    begun: dict[int, Future[list[np.ndarray]]] = {}
-    with ThreadPoolExecutor(1) as pool:  # more would wait for Python's lock
-        try:
-            for index, shown in seen:
-                voxels = cast("Voxels | HostVoxels", split_observation(shown)[0])
-                if (counts := voxels.download_evidence()) is not None:
-                    begun[index] = pool.submit(find, counts)
-                yield index, shown
-        finally:
-            found = find_outlines(session.rig, [each.result() for each in begun.values()])
-            outlines.update(zip(begun, found, strict=True))
 
 
 def _provenance(
@@ -210,84 +336,6 @@ def _provenance(
     return [{**provenance, **of.describe()} for of in with_seeds(task.method, task.seeds)]
 
 
-def track_forward(
-    tracker: RecoveringRuns,
-    seen: Iterable[tuple[int, Observation]],
-    progress: Callable[[str], object],
-) -> Iterator[tuple[int, list[Estimate]]]:
-    """Yield the number of every frame of `seen` and each run's estimate of it. The tracker must be
-    started.
-
-    progress: called with "tracking" after each frame.
-    """
-    for index, shown in seen:
-        yield index, tracker.step(shown)
-        progress("tracking")
-
-
-@dataclass(frozen=True, eq=False)
-class _Parts:
-    """The chunks of each seed's track, in the order of their frames; some may be files. error: that
-    ended them early, or the user's interrupt."""
-
-    chunks: list[Items[Track | Path]]
-    error: BaseException | None = None
-
-    def join(self) -> Tracked:
-        """Return the tracks of all chunks. Raises the error if there is none."""
-        if not self.chunks:
-            raise self.error or InputError("there is no frame to track; expected at least one")
-        tracks = [concatenate_tracks(run).judged for run in zip(*self.chunks, strict=True)]
-        if isinstance(self.error, KeyboardInterrupt):
-            tracks = [track.as_interrupted for track in tracks]
-        return Tracked(tracks, self.error if isinstance(self.error, UserError) else None)
-
-
-def _collect_parts(
-    found: Iterator[tuple[int, list[Estimate]]],
-    build_tracks: Callable[[list[int], list[list[Estimate]]], list[Track]],
-    keep: KeepParts | None,
-) -> _Parts:
-    """Build the tracks chunk by chunk, so that a long run holds only its rows in memory, or none if
-    they are stored; see `track_frames`. Frames ascend or descend."""
-    parts: list[Items[Track | Path]] = []
-    numbers: list[int] = []
-    error: BaseException | None = None
-    more = True
-    while more:
-        frames, estimates, more, error = _track_part(found, PART_SECONDS)
-        if not estimates:
-            continue
-        numbers += frames
-        part = build_tracks(frames, estimates)
-        parts.append(part)
-        if keep is not None and error is None:
-            try:
-                parts[-1] = keep(part) or part
-            except (UserError, KeyboardInterrupt) as failure:
-                error, more = failure, False
-    return _Parts(parts if numbers == sorted(numbers) else parts[::-1], error)
-
-
-def _track_part(
-    found: Iterator[tuple[int, list[Estimate]]], seconds: float
-) -> tuple[list[int], list[list[Estimate]], bool, BaseException | None]:
-    """Track for about `seconds`. Return frames, estimates, whether more frames may follow, and the
-    error that ended them early."""
-    frames: list[int] = []
-    estimates: list[list[Estimate]] = []
-    until = time.perf_counter() + seconds
-    try:
-        for index, estimate in found:
-            frames.append(index)
-            estimates.append(estimate)
-            if time.perf_counter() > until:
-                return frames, estimates, True, None
-    except (KeyboardInterrupt, UserError) as error:
-        return frames[: len(estimates)], estimates, False, error
-    return frames, estimates, False, None
-
-
 def observe_frames(
     observe: Callable[[Frame], Shown], frames: Iterable[Frame]
 ) -> Iterator[tuple[int, Shown]]:
@@ -304,7 +352,7 @@ def observe_frames(
         except KeyboardInterrupt as interrupt:
             interrupts.append(interrupt)
 
-    if isinstance(observe, (Reconstructor, PersonReconstructor)) and observe.streams:
+    if isinstance(observe, Reconstructor):
         for voxels in observe.stream(hold_interrupts()):
             assert voxels.frame is not None
             yield voxels.frame.index, voxels

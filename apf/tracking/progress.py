@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 from abc import ABC, abstractmethod
 from collections import Counter
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -24,16 +24,18 @@ class _Cost(NamedTuple):
     frame: float = 0.0
 
 
-#: In their order: the stages of all people together, and of each person, one after the other, the
-#: first pass, the second pass and the results.
+#: In their order: the stages before people are known, those of each person, one after the other,
+#: until the start, both passes over all people together, and the results of each person.
 _FOR_ALL = {"opening": _Cost(0.7), "examining": _Cost(6), "people": _Cost(0.6)}
+_START = {"volume": _Cost(0.1), "start": _Cost(4)}
 _FIRST = {
-    **{"volume": _Cost(0.1), "start": _Cost(4), "preparing": _Cost(0.4)},
+    "preparing": _Cost(0.4),
     **{"tracking": _Cost(0, 0.015), "tracking back": _Cost(0, 0.007), "fitting": _Cost(0.5, 0.02)},
 }
 AGAIN = {f"{stage} again": _FIRST[stage] for stage in ("tracking", "tracking back", "fitting")}
 _RESULTS = {"overlay": _Cost(0, 0.02), "checking": _Cost(2)}
-_ROUNDS = (_FOR_ALL, _FIRST, AGAIN, _RESULTS)
+_PASSES = _FIRST | AGAIN
+_ROUNDS = (_FOR_ALL, _START, _PASSES, _RESULTS)
 _COSTS = {stage: cost for stages in _ROUNDS for stage, cost in stages.items()}
 _ORDER = tuple(_COSTS)
 #: The stages that report after every frame.
@@ -52,7 +54,7 @@ class StageProgress(ABC):
     def __init__(self) -> None:
         self._n_frames, self._whose, self._stage = 0, "", ""
         self._done: Counter[str] = Counter()
-        self._costs = _COSTS
+        self._costs, self._together = _COSTS, 1
 
     @property
     def n_frames(self) -> int:
@@ -61,13 +63,17 @@ class StageProgress(ABC):
 
     @n_frames.setter
     def n_frames(self, number: int) -> None:
-        self._n_frames, self._whose = number, ""
+        self._n_frames, self._whose, self._together = number, "", 1
         self._done.clear()
 
     def begin_person(self, n_frames: int, number: int, of: int) -> None:
         """Begin the next round of stages of one of several people, counted from 1."""
         self.n_frames = n_frames
         self._whose = f"person {number} of {of}: " if of > 1 else ""
+
+    def begin_everybody(self, n_frames: Sequence[int]) -> None:
+        """Begin the passes over all people together, of whom each has so many frames."""
+        self.n_frames, self._together = round(sum(n_frames) / len(n_frames)), len(n_frames)
 
     def expect(self, left_out: Collection[str], is_gpu: bool) -> None:
         """Learn which stages there will not be, and the kind of device."""
@@ -127,10 +133,14 @@ class ProgressLine(StageProgress):
         if stage in _ORDER:
             self._furthest = max(self._furthest, _ORDER.index(stage))
         n = self._n_frames
-        counted = f" {min(n, self._done[stage])}/{n}" if stage in BY_FRAMES else ""
+        counted = f" {self._count(stage)}/{n}" if stage in BY_FRAMES else ""
         words = f"{self._whose}{stage}{counted}"
         done, whole = self._measure_work()
         self._bar.update(self._task, description=words, completed=done, total=whole)
+
+    def _count(self, stage: str) -> int:
+        """Return how many frames a stage has done, of each person."""
+        return min(self._n_frames, self._done[stage] // self._together)
 
     def _measure_work(self) -> tuple[float, float]:
         """Return the work that is done, and all of it, in expected seconds."""
@@ -143,8 +153,9 @@ class ProgressLine(StageProgress):
             if stage not in latest:
                 done += people * size if reached else 0.0
                 continue
-            now = min(n, self._done[stage]) * cost.frame if stage in BY_FRAMES else size * reached
-            done += now + (0 if stage in _FOR_ALL else self._person - 1) * size
+            now = self._count(stage) * cost.frame if stage in BY_FRAMES else size * reached
+            together, before = (people, 0) if stage in _PASSES else (1, self._person - 1)
+            done += together * now + (0 if stage in _FOR_ALL else before) * size
         return done, whole
 
 

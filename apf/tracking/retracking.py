@@ -20,7 +20,7 @@ from apf.tracking.correction import (
     list_corrections,
     observe_corrections,
 )
-from apf.tracking.pipeline import TrackingTask, build_track, observations, track_forward
+from apf.tracking.pipeline import TrackingTask, build_track, observations
 from apf.tracking.smoothing import unwrap_angles
 from apf.tracking.track import Track
 from apf.tracking.trackers import make_recovering_runs
@@ -125,8 +125,9 @@ def _follow(
     pose = correct_pose(body, track.poses[row], wanted[frame])
     tracker.start(pose)
     run = TrackingTask(body, pose, method, [seed], points)
-    for number, estimates in track_forward(tracker, observations(session, run), progress):
-        yield number, estimates[0]
+    for number, observation in observations(session, run):
+        yield number, tracker.step(observation)[0]
+        progress("tracking")
 
 
 def splice_estimates(track: Track, found: dict[int, Estimate], corrected: list[int]) -> Track:

@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping
 from collections.abc import Sequence as Items
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TypeAlias
 
@@ -26,7 +27,7 @@ from apf.initialisation.sequence import initialise
 from apf.initialisation.start import Start, StartError, check_startable
 from apf.tracking.limb_confidence import LEAST_DISTANCE, SAME_PLACE
 from apf.tracking.personal_pass import fit_personal_body
-from apf.tracking.pipeline import TrackingTask, track_frames
+from apf.tracking.pipeline import TrackingRun, TrackingTask, track_frames, track_people
 from apf.tracking.settings import TakeSettings
 from apf.tracking.track import Track
 from cl import InputError, UserError
@@ -91,7 +92,7 @@ def track_take(
     """Find the person in the session's frames and track them.
 
     The start is sought in the frames in which the person is seen best, see `rank_starts`; from
-    there they are tracked to both ends, twice, see `track_started`. In frames that show nobody, the
+    there they are tracked to both ends, twice, see `track_again`. In frames that show nobody, the
     track is lost and not `present`.
 
     progress: called with the name of every stage that begins ("keypoints", "volume", "start",
@@ -102,7 +103,8 @@ def track_take(
     the frames since its last call; if it stores them, they are not held in memory. Raises
     UserError; an error after the first frame ends the tracks and becomes the take's `error`.
     """
-    return track_started(start_take(session, settings, progress), progress, keep)
+    started = [start_take(session, settings, progress)]
+    return add_surface(track_again(started, track_first(started, progress, [keep]), progress)[0])
 
 
 def start_take(
@@ -145,57 +147,68 @@ def start_take(
     return choose_heading(started, lambda stage: report("start"))
 
 
-def track_started(
-    started: StartedTake,
-    progress: Callable[[str], object] | None = None,
-    keep: Keep | None = None,
-) -> Take:
-    """Track the person of a start, the second part of `track_take`, in two passes."""
-    return add_surface(track_again(started, track_first(started, progress, keep), progress))
-
-
 def track_first(
-    started: StartedTake,
+    started: Items[StartedTake],
     progress: Callable[[str], object] | None = None,
-    keep: Keep | None = None,
-) -> Take:
-    """Track the body of a start; then all frames together measure the person's own body, see
-    `apf.initialisation.personal`."""
-    outlines = dict[int, Outlines]()
-    return fit_personal(started, track_once(started, progress, keep, outlines), outlines, progress)
+    keep: Items[Keep | None] = (None,),
+) -> list[Take]:
+    """Track the bodies of the starts of one person or several; then all frames together measure
+    each person's own body, see `apf.initialisation.personal`. Who has no frame before the tracks
+    end early, and who follows, is left out."""
+    outlines = [dict[int, Outlines]() for _ in started]
+    takes = track_once(started, progress, keep, outlines)
+    return [fit_personal(*each, progress) for each in zip(started, takes, outlines, strict=False)]
 
 
 def track_again(
-    started: StartedTake, first: Take, progress: Callable[[str], object] | None = None
-) -> Take:
-    """Return the take after another pass over it, with the person's own body from the `first` one,
-    if there is one, and with silhouettes and voxels that expect it where that pass has seen it. As
-    of a limb that is lost, nothing is held against what lies beside it. If an interrupt or an error
+    started: Items[StartedTake],
+    first: Items[Take],
+    progress: Callable[[str], object] | None = None,
+) -> list[Take]:
+    """Return the takes after another pass over them, of everybody with a body of their own from the
+    `first` one, and with silhouettes and voxels that expect it where that pass has seen it. As of
+    a limb that is lost, nothing is held against what lies beside it. If an interrupt or an error
     ends either pass, the first one counts."""
+    own = [
+        (start, take) for start, take in zip(started, first, strict=False)
+        if take.body is not start.task.body
+    ]  # fmt: skip
+    if not own or any(take.error is not None or take.tracks[0].interrupted for take in first):
+        return list(first)
+    again = [replace(start, task=_expect_body(start, take)) for start, take in own]
+    report = None if progress is None else lambda stage: progress(f"{stage} again")
+    outlines, error = [dict[int, Outlines]() for _ in own], None
+    try:
+        seconds = track_once(again, report, (None,) * len(own), outlines)
+        error = seconds[0].error
+        if error is None and not seconds[0].tracks[0].interrupted:
+            found = dict[int, Take]()
+            for (start, take), second, shown in zip(own, seconds, outlines, strict=True):
+                second = replace(second, seconds=take.seconds + second.seconds)
+                second = fit_personal(start, second, shown, report)
+                pairs = zip(take.tracks, second.tracks, strict=True)
+                tracks = [compare_passes(*pair) for pair in pairs]
+                found[id(take)] = replace(second, tracks=tracks)
+            return [found.get(id(take), take) for take in first]
+    except KeyboardInterrupt:
+        pass
+    except UserError as failure:
+        error = failure
+    return [
+        replace(take, tracks=[each.as_interrupted for each in take.tracks], error=error)
+        for take in first
+    ]
+
+
+def _expect_body(started: StartedTake, first: Take) -> TrackingTask:
+    """Return the task of the second pass."""
     track, session = first.tracks[0], started.session
-    if first.body is started.task.body or first.error is not None or track.interrupted:
-        return first
     tracked = None  # several people's voxels are divided by their bodies, see `place_bodies`
     if not isinstance(session, PersonSession):
         unknown = np.full((len(track), 1, CONE_FLOATS), np.nan)
         cones = np.concatenate([track.known_cones, unknown], 1)
         tracked = TrackedBody(session.sequence.folder, track.frames, cones)
-    task = replace(started.task, body=first.body, pose=first.pose, tracked=tracked)
-    report = None if progress is None else lambda stage: progress(f"{stage} again")
-    outlines, error = dict[int, Outlines](), None
-    try:
-        second = track_once(replace(started, task=task), report, None, outlines)
-        error = second.error
-        if error is None and not second.tracks[0].interrupted:
-            second = replace(second, seconds=first.seconds + second.seconds)
-            second = fit_personal(started, second, outlines, report)
-            pairs = zip(first.tracks, second.tracks, strict=True)
-            return replace(second, tracks=[compare_passes(*pair) for pair in pairs])
-    except KeyboardInterrupt:
-        pass
-    except UserError as failure:
-        error = failure
-    return replace(first, tracks=[each.as_interrupted for each in first.tracks], error=error)
+    return replace(started.task, body=first.body, pose=first.pose, tracked=tracked)
 
 
 def choose_heading(
@@ -226,25 +239,33 @@ def choose_heading(
 
 
 def track_once(
-    started: StartedTake,
-    progress: Callable[[str], object] | None = None,
-    keep: Keep | None = None,
-    outlines: dict[int, Outlines] | None = None,
-) -> Take:
-    """Track the body of a start through the take in one pass. outlines: receives those of the
+    started: Items[StartedTake],
+    progress: Callable[[str], object] | None,
+    keep: Items[Keep | None],
+    outlines: Items[dict[int, Outlines]],
+) -> list[Take]:
+    """Track the bodies of some starts through the take in one pass. outlines: receive those of the
     frames' silhouettes, by their numbers, if they are needed."""
     report = progress or (lambda stage: None)
     report("preparing")
-    began, task = time.perf_counter(), started.task
-    store = None if keep is None else lambda parts: keep(task.body, task.pose, parts)
-    tracked = track_frames(
-        started.session, task, report, store, outlines if started.personal else None
-    )
+    began = time.perf_counter()
+    runs = [
+        TrackingRun(
+            start.session, start.task,
+            None if store is None else partial(store, start.task.body, start.task.pose),
+            shown if start.personal else None,
+        )
+        for start, store, shown in zip(started, keep, outlines, strict=True)
+    ]  # fmt: skip
+    everybody = track_people(runs, report)
     seconds = time.perf_counter() - began
-    return Take(
-        started.session.sequence, task.body, task.pose, started.start, tracked.tracks, seconds,
-        tracked.error, task.frame,
-    )  # fmt: skip
+    return [
+        Take(
+            start.session.sequence, start.task.body, start.task.pose, start.start, tracked.tracks,
+            seconds, tracked.error, start.task.frame,
+        )
+        for start, tracked in zip(started, everybody, strict=False)
+    ]  # fmt: skip
 
 
 def fit_personal(

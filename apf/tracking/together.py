@@ -200,7 +200,7 @@ class PeopleTracker:
 
 def place_bodies(started: Sequence[StartedTake], takes: Sequence[Take]) -> None:
     """Let the voxels of several people be divided by their tracked bodies."""
-    for start, take in zip(started, takes, strict=True):
+    for start, take in zip(started, takes, strict=False):
         if isinstance(start.session, PersonSession):
             track = take.tracks[0]
             poses = zip(track.frames[~track.lost], track.poses[~track.lost], strict=True)

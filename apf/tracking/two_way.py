@@ -13,7 +13,7 @@ memory. Live tracking has no backward pass.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from dataclasses import replace
 from functools import partial
@@ -64,54 +64,57 @@ _CROPPING = 8
 _WindowFrame = tuple[int, "_Kept", list[Estimate]]
 
 
-def track_both_ways(
-    device: Device | NumpyDevice,
-    forward: RecoveringRuns,
-    back: Sequence[RecoveringTracker],
-    seen: Iterable[tuple[int, Observation]],
-    progress: Callable[[str], object],
-    *,
-    fps: float = 30.0,
-) -> Iterator[tuple[int, list[Estimate]]]:
-    """Yield the number of every frame of `seen` and each track's estimate of it; `fps` frames per
-    second.
+class TwoWays:
+    """Tracking of frames by the started runs `forward` of each track, and by `back`, the tracker of
+    the backward pass of each; `fps` frames per second.
 
-    forward: the started run of each track. back: the tracker of the backward pass of each.
-    progress: called with "tracking" or "tracking back" after each frame. An interrupt or error that
-    ends the frames early is raised after the frames before it; if it occurs in the backward pass,
-    the window keeps the forward estimates.
+    add: receives the number of every frame and each track's estimate of it, in the frames' order.
+    progress: called with "tracking" or "tracking back" after each frame. If an interrupt or an
+    error ends a backward pass, its window keeps the forward estimates.
     """
-    window, frames = list[_WindowFrame](), iter(seen)
-    pool = ThreadPoolExecutor(1)  # crops observations while the device searches
-    ended: BaseException | None = None
-    whole = False
-    while True:
-        n_bytes = sum(kept.nbytes for _, kept, _ in window[:-_CROPPING])
+
+    def __init__(
+        self,
+        device: Device | NumpyDevice,
+        forward: RecoveringRuns,
+        back: Sequence[RecoveringTracker],
+        add: Callable[[int, list[Estimate]], object],
+        progress: Callable[[str], object],
+        *,
+        fps: float = 30.0,
+    ) -> None:
+        self._device, self._forward, self._back, self._fps = device, forward, back, fps
+        self._add, self._progress = add, progress
+        self._window, self._n_bytes = list[_WindowFrame](), 0
+        self._pool = ThreadPoolExecutor(1)  # crops observations while the device searches
+
+    def step(self, index: int, shown: Observation) -> None:
+        """Track the next frame forward, and back from it if the window is full."""
+        kept, window = _keep(self._device, shown, self._pool), self._window
+        window.append((index, kept, self._forward.step(shown)))
+        self._n_bytes += sum(of.nbytes for _, of, _ in window[:-_CROPPING][-1:])
+        self._progress("tracking")
+        if is_full(len(window), self._n_bytes):
+            self._go_back(len(window) - min(OVERLAP, len(window) // 3))
+            self._n_bytes = sum(of.nbytes for _, of, _ in self._window[:-_CROPPING])
+
+    def finish(self) -> None:
+        """Track the last window back."""
+        self._go_back(len(self._window))
+
+    def _go_back(self, n_final: int) -> None:
+        """Fuse the window; its first `n_final` frames are final."""
+        window, report = self._window, partial(self._progress, "tracking back")
+        self._window = window[n_final:]
         try:
-            for index, shown in frames:
-                window.append((index, _keep(device, shown, pool), forward.step(shown)))
-                n_bytes += sum(kept.nbytes for _, kept, _ in window[:-_CROPPING][-1:])
-                progress("tracking")
-                if is_full(len(window), n_bytes):
-                    break
-            else:
-                whole = True
-        except (KeyboardInterrupt, UserError) as error:
-            ended, whole = error, True
-        n_final = len(window) if whole else len(window) - min(OVERLAP, len(window) // 3)
-        try:
-            report = partial(progress, "tracking back")
-            final = _fuse_window(device, back, window, fps, report)
-        except (KeyboardInterrupt, UserError) as error:
-            ended, n_final = error, len(window)
+            final = _fuse_window(self._device, self._back, window, self._fps, report)
+        except (KeyboardInterrupt, UserError):
+            self._window, n_final = [], len(window)
             final = [list(map(_without_disagreement, of)) for _, _, of in window]
-        for (index, _, _), estimates in zip(window[:n_final], final, strict=False):
-            yield index, estimates
-        if ended is not None:
-            raise ended
-        if whole:
-            return
-        del window[:n_final]
+            raise
+        finally:
+            for (index, _, _), estimates in zip(window[:n_final], final, strict=False):
+                self._add(index, estimates)
 
 
 def is_full(n_frames: int, n_bytes: int) -> bool:

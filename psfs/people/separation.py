@@ -7,18 +7,18 @@ voxels are, and later where the tracked bodies are.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
+from collections.abc import Sequence as Items
 from dataclasses import replace
 from typing import cast
 
 import numpy as np
 
 from cl import InputError
-from psfs.backend import AnyReconstructor, make_division
+from psfs.backend import AnyReconstructor, Divide, make_division
 from psfs.cameras.camera import CameraRig
 from psfs.common.numbers import select_span
 from psfs.people.people import People, Person
-from psfs.reconstructor import Reconstructor
 from psfs.sequence import Frame
 from psfs.session import Session, SessionSettings
 from psfs.volume import Volume, automatic_grid, find_volume
@@ -44,7 +44,7 @@ class JointReconstruction:
         self.people = people
         self.grids: list[VoxelGrid] = []
         self._of_person = [cover_with_spheres(people.grid, person) for person in people]
-        self._divide: Callable[[np.ndarray, int], Voxels | HostVoxels] | None = None
+        self._divide: Divide | None = None
         self._reconstruct: AnyReconstructor | None = None
 
     def place(self, number: int, spheres: Mapping[int, np.ndarray]) -> None:
@@ -67,8 +67,9 @@ class JointReconstruction:
             self._reconstruct = reconstruct
         return reconstruct
 
-    def divide(self, frame: int, number: int) -> Voxels | HostVoxels:
-        """Return the voxels of a person in the frame that was reconstructed last."""
+    def divide(self, frame: int, number: int | None = None) -> Items[Voxels | HostVoxels]:
+        """Return the voxels of everybody in the frame that was reconstructed last, of which only
+        those of the person of a `number` may be valid if one is given."""
         assert self._divide is not None
         spheres = np.zeros((len(self.people), self._n_spheres, 4), np.float32)
         for row, frames in zip(spheres, self._of_person, strict=True):
@@ -104,16 +105,14 @@ def _cover(grid: VoxelGrid, voxels: np.ndarray) -> np.ndarray:
 
 
 class PersonReconstructor:
-    """Reconstruction of one of several people; same interface as `Reconstructor`, on either device.
-
-    Everybody is reconstructed anew for each person. evidence: without the others."""
+    """Reconstruction of one of several people before all are tracked together, on either device:
+    everybody is reconstructed anew for each person. evidence: without the others."""
 
     def __init__(self, joint: JointReconstruction, number: int) -> None:
         self._joint, self._number = joint, number
         self._everybody = joint.begin()
         self._latest: Voxels | HostVoxels | None = None
         self.grid = joint.grids[number]
-        self.streams = isinstance(self._everybody, Reconstructor)
 
     def evidence(self) -> np.ndarray:
         """Return the evidence maps (V, H, W) int8 that the latest frame was carved with."""
@@ -124,19 +123,8 @@ class PersonReconstructor:
     def __call__(self, frame: Frame) -> Voxels | HostVoxels:
         """Return the person's voxels in a frame. Raises InputError as `Reconstructor` does."""
         self._everybody(frame)
-        self._latest = self._joint.divide(frame.index, self._number)
+        self._latest = self._joint.divide(frame.index, self._number)[self._number]
         return self._latest
-
-    def stream(self, frames: Iterable[Frame]) -> Iterator[Voxels]:
-        """Yield the voxels of every frame; an OpenCL device is sent the next frame while it
-        computes."""
-        assert isinstance(self._everybody, Reconstructor)
-        for everybody in self._everybody.stream(frames):
-            assert everybody.frame is not None
-            voxels = self._joint.divide(everybody.frame.index, self._number)
-            assert isinstance(voxels, Voxels)
-            self._latest = voxels
-            yield voxels
 
 
 class PersonSession(Session):

@@ -25,7 +25,7 @@ from psfs.voxels.host_voxels import HostVoxels
 
 
 class NumpyDivision:
-    """The voxels of one of several people in the latest frame of a reconstructor, see
+    """The voxels of several people in the latest frame of a reconstructor, see
     `psfs.backend.make_division`."""
 
     def __init__(
@@ -37,8 +37,8 @@ class NumpyDivision:
         self._reconstructor, self._grids = reconstructor, grids
         self._colours = None if colours is None else weigh_colours(colours)
 
-    def __call__(self, spheres: np.ndarray, person: int) -> HostVoxels:
-        """Return the voxels of a person, by number."""
+    def __call__(self, spheres: np.ndarray, person: int | None) -> list[HostVoxels]:
+        """Return the voxels of everybody, also if only a `person` is asked for."""
         latest = self._reconstructor
         assert latest.frame is not None
         config = hide_others(latest.config)
@@ -46,7 +46,10 @@ class NumpyDivision:
             latest.rig, latest.evidence(), spheres, config.silhouette.evidence,
             latest.frame.images, self._colours,
         )  # fmt: skip
-        return carve_voxels(latest.rig, self._grids[person], latest.frame, maps[person], config)
+        return [
+            carve_voxels(latest.rig, grid, latest.frame, part, config)
+            for grid, part in zip(self._grids, maps, strict=True)
+        ]
 
 
 def divide_evidence(

@@ -22,7 +22,7 @@ from apf.filters.method import Method
 from apf.initialisation.from_keypoints import start_from_keypoints
 from apf.keypoints.keypoints import Keypoints
 from apf.scene import Scene
-from apf.tracking.pipeline import TrackingTask, track_frames
+from apf.tracking.pipeline import TrackingRun, TrackingTask, track_people
 from apf.tracking.settings import TakeSettings
 from apf.tracking.take import track_take
 from cl import Device
@@ -71,7 +71,8 @@ def test_a_body_is_tracked_from_a_frame_to_both_ends(device: Device) -> None:
     points = start_from_keypoints(RIG, keypoints, BODY, session.frames).observations
     task = TrackingTask(BODY, poses()[4], method, [0], points, frame=4)
     kept: list[int] = []
-    found = track_frames(session, task, keep=lambda parts: kept.extend(parts[0].frames))
+    run = TrackingRun(session, task, lambda parts: kept.extend(parts[0].frames))
+    (found,) = track_people([run])
     assert found.tracks[0].frames.tolist() == sorted(kept) == list(range(N))
     assert miss(found.tracks[0]) < 0.03 and found.tracks[0].present.all()
 

@@ -95,7 +95,7 @@ def test_the_first_pass_counts_if_the_second_one_does_not_end(
     first = Take(
         session.sequence, body, track.poses[0], None, [track], 1.0, surface=lambda: surface
     )  # type: ignore[arg-type, return-value]
-    found = add_surface(track_again(StartedTake(session, task), first))
+    found = add_surface(track_again([StartedTake(session, task)], [first])[0])
     assert found.tracks[0].surface is surface
     assert found.tracks[0].interrupted and found.error is (
         ended if isinstance(ended, DeviceError) else None

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 import pytest
@@ -25,10 +26,10 @@ from apf.tracking.limb_confidence import LEAST_DISTANCE, SAME_PLACE
 from apf.tracking.recovery import RecoveringRuns
 from apf.tracking.trackers import make_recovering_tracker
 from apf.tracking.two_way import (
+    TwoWays,
     exchange_limbs,
     fuse_passes,
     smooth_poses,
-    track_both_ways,
 )
 from cl import Device, DeviceError, InputError, NumpyDevice
 
@@ -197,6 +198,23 @@ def frames(n: int, ending: BaseException | None = None) -> Iterator[tuple[int, f
         raise ending
 
 
+def track_both_ways(
+    found: list[tuple[int, list[Estimate]]],
+    device: Device | NumpyDevice,
+    forward: Any,
+    back: list[Any],
+    seen: Iterator[tuple[int, Any]],
+    progress: Callable[[str], object] = lambda stage: None,
+) -> None:
+    """Add the estimates of all frames to `found`; an error that ends the frames is raised last."""
+    ways = TwoWays(device, forward, back, lambda *each: found.append(each), progress)
+    try:
+        for index, shown in seen:
+            ways.step(index, shown)
+    finally:
+        ways.finish()
+
+
 @pytest.fixture
 def short_windows(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("apf.tracking.two_way.OVERLAP", 3)
@@ -204,8 +222,8 @@ def short_windows(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_windows_overlap_and_give_every_frame_once(short_windows: None) -> None:
-    back, told = Follower(), list[str]()
-    found = list(track_both_ways(NumpyDevice(), Forward(), [back], frames(25), told.append))
+    back, told, found = Follower(), list[str](), list[tuple[int, list[Estimate]]]()
+    track_both_ways(found, NumpyDevice(), Forward(), [back], frames(25), told.append)
     assert [index for index, _ in found] == list(range(5, 30))
     for (_, (one,)), (_, shown) in zip(found, frames(25), strict=True):
         assert one.pose[0] == pytest.approx(BODY.rest_pose[0] + shown)
@@ -258,16 +276,9 @@ def test_kept_frames_are_restored_about_the_foreground(device: Device) -> None:
 def test_what_ends_the_frames_is_raised_after_them(
     short_windows: None, ending: BaseException
 ) -> None:
-    found, back = [], Follower()
+    back, found = Follower(), list[tuple[int, list[Estimate]]]()
     with pytest.raises(type(ending)):
-        for one in track_both_ways(
-            NumpyDevice(),
-            Forward(),
-            [back],
-            frames(7, ending),
-            lambda stage: None,
-        ):
-            found.append(one)
+        track_both_ways(found, NumpyDevice(), Forward(), [back], frames(7, ending))
     assert len(found) == 7 and len(back.seen) == 7
 
 
@@ -282,10 +293,9 @@ def test_what_ends_the_way_back_leaves_the_way_ahead(
         if stage == "tracking back":
             raise ending
 
-    found = []
+    found: list[tuple[int, list[Estimate]]] = []
     with pytest.raises(type(ending)):
-        for one in track_both_ways(NumpyDevice(), Forward(), [Follower()], frames(n), progress):
-            found.append(one)
+        track_both_ways(found, NumpyDevice(), Forward(), [Follower()], frames(n), progress)
     assert len(found) == kept and np.isnan(found[3][1][0].disagreement).all()
 
 
@@ -320,7 +330,8 @@ def test_an_arm_that_began_wrong_is_right_from_the_end_back(device: Device) -> N
 
     seen = ((k, surface_voxels(device, walker(k))) for k in range(8))
     back = [make_recovering_tracker(scene, method)]
-    found = list(track_both_ways(device, Heard(), back, seen, lambda stage: None))
+    found: list[tuple[int, list[Estimate]]] = []
+    track_both_ways(found, device, Heard(), back, seen)
     wrist = SONG.joint_names.index("l_wrist")
     true = posed_joints(SONG, np.stack([walker(k) for k in range(8)]))[:, wrist]
     by_one, by_both = (
