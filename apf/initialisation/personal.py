@@ -24,7 +24,6 @@ from apf.body.jacobian import (
     bone_point_jacobian,
     cone_motions,
     cross_rows,
-    point_jacobian,
     world_axes,
 )
 from apf.body.kinematics import bone_matrices, cross, posed_cones, posed_joints
@@ -64,7 +63,7 @@ _SOLE, FLOOR = 0.005, 0.1
 #: Distances, m, at which a ray counts a quarter, from the first step to the last.
 REACHES = np.geomspace(0.08, 0.03, 7)
 #: Frames that a thread works on at a time.
-_TOGETHER = 4
+_TOGETHER = 8
 #: Number of steps of poses whose body is known.
 _STEPS = 6
 #: Share of a pose's own normal matrix added to its diagonal (Levenberg 1944).
@@ -298,10 +297,10 @@ def _harmonics(coordinates: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class _Normal:
-    """The normal equations of the frame of a number: matrices pose by pose (D, D), pose by measures
-    (D, S) and measures by measures (S, S), and gradients (D,), (S,)."""
+    """The normal equations of some `frames`: matrices pose by pose (M, D, D), pose by measures (M,
+    D, S) and measures by measures (M, S, S), and gradients (M, D), (M, S)."""
 
-    frame: int
+    frames: slice
     poses: np.ndarray
     mixed: np.ndarray
     measures: np.ndarray
@@ -309,17 +308,20 @@ class _Normal:
     gradient: np.ndarray
 
     def eliminate(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return the pose's response to each measure (D, S), and its own step (D,); both are to be
-        subtracted."""
-        solved = np.linalg.solve(self.poses, np.column_stack([self.mixed, self.pull]))
-        return solved[:, :-1], solved[:, -1]
+        """Return the poses' response to each measure (M, D, S), and their own steps (M, D); both
+        are to be subtracted."""
+        solved = np.linalg.solve(
+            self.poses, np.concatenate([self.mixed, self.pull[..., None]], axis=-1)
+        )
+        return solved[..., :-1], solved[..., -1]
 
     def reduce(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Return the result of `eliminate`, and the normal equations (S, S), (S,) of the measures
-        that are left."""
+        """Return the result of `eliminate`, and the sums of the normal equations (S, S), (S,) of
+        the measures that are left."""
         response, step = self.eliminate()
-        matrix = self.measures - self.mixed.T @ response
-        return response, step, matrix, self.gradient - self.mixed.T @ step
+        mixed = self.mixed.swapaxes(1, 2)
+        matrix = (self.measures - mixed @ response).sum(0)
+        return response, step, matrix, (self.gradient - (mixed @ step[..., None])[..., 0]).sum(0)
 
 
 class PersonalFit:
@@ -352,7 +354,7 @@ class PersonalFit:
             change = -covariance @ vector
             measures = measures + change
             steps = [response @ change + step for response, step, _, _ in found]
-            moved = self._clip(moved - np.stack(steps))
+            moved = self._clip(moved - np.concatenate(steps))
         return measures, covariance
 
     def pose(
@@ -368,7 +370,7 @@ class PersonalFit:
                 _Normal.eliminate, measures, fitted[usable], poses[usable], some, REACHES[-1],
                 free=False,
             )  # fmt: skip
-            fitted[usable] = self._clip(fitted[usable] - np.stack([step for _, step in found]))
+            fitted[usable] = self._clip(fitted[usable] - np.concatenate([s for _, s in found]))
         return fitted
 
     def joint_covariance(
@@ -386,18 +388,20 @@ class PersonalFit:
         moves = bone_point_jacobian(body, poses, bones, posed_joints(body, poses))
         moves = moves.swapaxes(2, 3).reshape(len(poses), 3 * count, -1)
         moved = self.shape.move_joints(measures, poses).reshape(self.shape.n_built, len(poses), -1)
-        each = np.arange(count)
 
         def leave_open(normal: _Normal) -> np.ndarray:
-            turns = moves[normal.frame]
+            turns = moves[normal.frames]
             grown = -turns @ normal.eliminate()[0]
-            grown[:, : self.shape.n_built] += moved[:, normal.frame].T
-            alone = turns @ np.linalg.solve(normal.poses, turns.T)
-            every = (alone + grown @ covariance @ grown.T).reshape(count, 3, count, 3)
-            return np.asarray(every[each, :, each])
+            grown[..., : self.shape.n_built] += np.moveaxis(moved[:, normal.frames], 0, -1)
+            alone = np.linalg.solve(normal.poses, turns.swapaxes(1, 2)).swapaxes(1, 2)
+            by_joint = len(turns), count, 3, -1
+            pairs = (turns, alone), (grown @ covariance, grown)
+            return np.asarray(
+                sum(a.reshape(by_joint) @ b.reshape(by_joint).swapaxes(2, 3) for a, b in pairs)
+            )
 
         found = self._linearise(leave_open, measures, poses, poses, outlines, REACHES[-1])
-        return np.array(found).reshape(len(poses), count, 3, 3)
+        return np.concatenate([np.zeros((0, count, 3, 3)), *found])
 
     def length_deviations(self, measures: np.ndarray, covariance: np.ndarray) -> np.ndarray:
         """Return the standard deviations (E,), m, of the lengths of the body's edges."""
@@ -421,8 +425,8 @@ class PersonalFit:
         *,
         free: bool = True,
     ) -> list[T]:
-        """Return what `use` makes of the normal equations of each frame, in threads. free: whether
-        the measures may change."""
+        """Return what `use` makes of the normal equations of some frames after the other, in
+        threads. free: whether the measures may change."""
         shape, template = self.shape, self.template
         body, n = shape.body(measures), template.n_dof
         cones = posed_cones(body, poses)
@@ -432,91 +436,87 @@ class PersonalFit:
         soles = cones[:, self._soles]
         lowest = (soles[..., [2, 6]] - soles[..., [3, 7]]).min((1, 2), initial=0.0)
         has_floor = bool(self._soles) and bool(np.median(lowest) > -FLOOR)
-        axes = world_axes(body, poses)
-        moves = cone_motions(body, axes)
+        moves = cone_motions(body, world_axes(body, poses))
         if free:
             ends = np.zeros((*growths.shape[:2], moves.shape[1], 6 + 8))
             ends[..., 6:] = growths
             moves = np.concatenate([np.pad(moves, [(0, 0)] * 3 + [(0, 8)]), ends.swapaxes(1, 2)], 2)
         bulges = measures[shape.n_built :].reshape(-1, _COEFFICIENTS)
 
-        def linearise(first: int) -> list[T]:
-            block = range(first, min(first + _TOGETHER, len(poses)))
-            several = outlines[block.start : block.stop]
-            frame, cone, coordinates, normal, gap = nearest_outline(several, cones[block])
-            mine = cones[block][frame, cone]
+        def linearise(first: int) -> T:
+            block = slice(first, min(first + _TOGETHER, len(poses)))
+            own, n_cones = cones[block], len(template.cones)
+            frame, cone, coordinates, normal, gap = nearest_outline(outlines[block], own)
+            mine = own[frame, cone]
             bulged = shape.bulges(cone, coordinates)
             gap = gap - np.sum(bulged * bulges[shape.group[cone]], axis=1)
             root = np.sqrt(robust_weights(gap, reach / REACH) / SHARED) / NOISE
             rows = [normal, cross_rows(place_points(mine, coordinates), normal)]
             if free:
                 rows += [end_displacements(mine, coordinates, normal), bulged]
-            weighted = np.column_stack([*rows, -gap]) * root[:, None]
-            products = _multiply_alike(
-                frame * len(template.cones) + cone, weighted, len(block) * len(template.cones)
-            ).reshape(len(block), len(template.cones), *2 * weighted.shape[1:])
-            used = []
-            for number, product in zip(block, products, strict=True):
-                matrix, vector = self._expand(moves[number], product)
-                if has_floor:
-                    turns = axes[0][number], axes[1][number]
-                    sole, depth = self._find_sunken(
-                        body, poses[number], cones[number], growths[number], turns
-                    )
-                    matrix[: len(sole), : len(sole)] += sole @ sole.T / _SOLE**2
-                    vector[: len(sole)] -= sole @ depth / _SOLE**2
-                by_pose = matrix[:n, :n] + np.diag(self._prior + _DAMPING * np.diag(matrix)[:n])
-                pull = vector[:n] + self._prior * (poses[number] - tracked[number])
-                blocks = matrix[:n, n:], matrix[n:, n:]
-                used.append(use(_Normal(number, by_pose, *blocks, pull, vector[n:])))
-            return used
+            weighted, key = np.column_stack([*rows, -gap]) * root[:, None], frame * n_cones + cone
+            if has_floor:
+                sole, depths = self._press_soles(own, weighted.shape[1], free)
+                weighted, key = np.concatenate([weighted, depths]), np.concatenate([key, sole])
+            products = _multiply_alike(key, weighted, len(own) * n_cones)
+            matrix, vector = self._expand(
+                moves[block], products.reshape(len(own), n_cones, *products.shape[1:])
+            )
+            diagonal = self._prior + _DAMPING * np.diagonal(matrix[:, :n, :n], axis1=1, axis2=2)
+            by_pose = matrix[:, :n, :n] + diagonal[..., None] * np.eye(n)
+            pull = vector[:, :n] + self._prior * (poses[block] - tracked[block])
+            blocks = matrix[:, :n, n:], matrix[:, n:, n:]
+            return use(_Normal(block, by_pose, *blocks, pull, vector[:, n:]))
 
-        blocks = map_in_threads(linearise, range(0, len(poses), _TOGETHER))
-        return [each for block in blocks for each in block]
+        return list(map_in_threads(linearise, range(0, len(poses), _TOGETHER)))
 
     def _expand(self, moves: np.ndarray, products: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the matrix (P, P) and the gradient (P,) of a frame's unknowns: the pose, and the
-        measures if they are free.
+        """Return the matrices (M, P, P) and the gradients (M, P) of the unknowns of M frames: the
+        pose, and the measures if they are free.
 
-        moves: (C, P', k) how the unknowns that move a cone do so. products: (C, k + c + 1, k + c +
-        1), sums over a cone's rays of the products of how a ray's distance depends on the cone's
-        motion, on the c coefficients of its surface, and of minus the distance.
+        moves: (M, C, P', k) how the unknowns that move a cone do so. products: (M, C, k + c + 1, k
+        + c + 1), sums over a cone's rays of the products of how a ray's distance depends on the
+        cone's motion, on the c coefficients of its surface, and of minus the distance.
         """
-        size = moves.shape[2]
-        turned = moves @ products[:, :size]
-        matrix = np.tensordot(turned[..., :size], moves, ([0, 2], [0, 2]))
-        vector = turned[..., -1].sum(0)
-        if products.shape[1] == size + 1:
+        count, n_cones, n, size = moves.shape
+        turned = moves @ products[:, :, :size]
+        by_cone = turned[..., :size].swapaxes(1, 2).reshape(count, n, -1)
+        matrix = by_cone @ moves.swapaxes(2, 3).reshape(count, -1, n)
+        vector = turned[..., -1].sum(1)
+        if products.shape[2] == size + 1:
             return matrix, vector
-        members = self.shape.members
-        mixed = np.tensordot(members, turned[..., size:-1], 1).swapaxes(0, 1)
-        mixed = mixed.reshape(len(matrix), -1)
-        diagonal = np.zeros((*mixed.shape[1:], *mixed.shape[1:]))
-        sums = np.tensordot(members, products[:, size:-1, size:], 1)
-        for group, of in enumerate(sums):
-            block = slice(group * len(of), (group + 1) * len(of))
-            diagonal[block, block] = of[:, :-1]
-        whole = np.block([[matrix, mixed], [mixed.T, diagonal]])
-        return whole, np.concatenate([vector, sums[..., -1].ravel()])
+        members, width = self.shape.members, products.shape[2] - size - 1
+        mixed = members @ turned[..., size:-1].reshape(count, n_cones, -1)
+        mixed = mixed.reshape(count, -1, n, width).swapaxes(1, 2).reshape(count, n, -1)
+        sums = members @ products[:, :, size:-1, size:].reshape(count, n_cones, -1)
+        sums = sums.reshape(count, len(members), width, width + 1)
+        whole = np.zeros((count, *2 * (n + mixed.shape[2],)))
+        whole[:, :n, :n], whole[:, :n, n:] = matrix, mixed
+        whole[:, n:, :n] = mixed.swapaxes(1, 2)
+        for group in range(len(members)):
+            block = slice(n + group * width, n + (group + 1) * width)
+            whole[:, block, block] = sums[:, group, :, :-1]
+        return whole, np.concatenate([vector, sums[..., -1].reshape(count, -1)], axis=1)
 
-    def _find_sunken(
-        self,
-        body: BodyModel,
-        pose: np.ndarray,
-        cones: np.ndarray,
-        growth: np.ndarray,
-        axes: tuple[np.ndarray, np.ndarray],
+    def _press_soles(
+        self, cones: np.ndarray, width: int, free: bool
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return the soles' points below the floor: the derivatives (D + n_built, K) of their
-        heights, and minus their depths (K,) m."""
+        """Return the soles' points in poses of the cones (M, C, 16) like rays: the numbers (K,) of
+        their cones of all frames, and weighted rows (K, width), which lift those below the floor;
+        the others weigh nothing."""
         sole, end = np.repeat(self._soles, 2), np.tile([0, 4], len(self._soles))
-        below = cones[sole, end + 2] < cones[sole, end + 3]
-        sole, end = sole[below], end[below]
-        up = np.broadcast_to([0.0, 0.0, 1.0], (len(sole), 3))
-        points = cones[sole[:, None], end[:, None] + np.arange(3)]
-        by_pose = point_jacobian(body, pose, sole, points, up, axes)
-        rise = growth[:, sole, end + 2] - growth[:, sole, end + 3]
-        return np.concatenate([by_pose, rise]), cones[sole, end + 3] - cones[sole, end + 2]
+        points = np.stack([cones[:, sole, end + axis] for axis in range(4)], -1)
+        heights = points[..., 2] - points[..., 3]
+        rows = np.zeros((*heights.shape, width))
+        rows[..., 2] = 1.0
+        rows[..., 3:6] = cross_rows(points[..., :3], rows[..., :3])
+        if free:
+            each = np.arange(len(sole))
+            rows[:, each, 6 + end + 2], rows[:, each, 6 + end + 3] = 1.0, -1.0
+        rows[..., -1] = heights
+        rows *= (heights < 0)[..., None] / _SOLE
+        key = np.arange(len(cones))[:, None] * cones.shape[1] + sole
+        return key.ravel(), rows.reshape(-1, width)
 
     def _clip(self, poses: np.ndarray) -> np.ndarray:
         return np.clip(poses, self.template.lower, self.template.upper)

@@ -54,7 +54,7 @@ def fit_surface(
     near = np.abs(gap) < REACHES[0]
     points, gap = place_points(posed_cones(body, pose[None])[0, cone], coordinates)[near], gap[near]
     rays, surface = scipy.spatial.cKDTree(points), scipy.spatial.cKDTree(vertices)
-    shares = surface.sparse_distance_matrix(rays, 3 * ALIKE, output_type="coo_matrix").tocsr()
+    shares = surface.sparse_distance_matrix(rays, 3 * ALIKE, output_type="coo_matrix")
     shares.data = np.exp(-0.5 * (shares.data / ALIKE) ** 2)
     vertex, moved = surface.query(points)[1], np.zeros(len(vertices))
     precision = np.full(len(vertices), _SPREAD**-2.0)

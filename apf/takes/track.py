@@ -32,8 +32,8 @@ from apf.tracking.settings import GivenStart, TakeSettings
 from apf.tracking.take import (
     StartedTake,
     Take,
-    add_surface,
     check_cameras,
+    complete_take,
     start_take,
     track_again,
     track_first,
@@ -163,7 +163,7 @@ def _track_people(
     takes = track_first(started, progress, keepers)
     place_bodies(started, takes)
     takes = track_again(started, takes, progress)
-    done, takes = [], list(map(add_surface, takes))
+    done, takes = [], list(map(complete_take, takes))
     for number, take in enumerate(takes, start=1):
         session = _begin_person(job, persons, number)
         done.append(_finish(persons.job(job, number), replace(examination, session=session), take))

@@ -8,42 +8,39 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
+from typing import TypeAlias
 
 import numpy as np
 
 from apf.body.kinematics import posed_joints
 from apf.body.limbs import add_ankles
 from apf.body.model import BodyModel
-from apf.body.surface import Surface
 from apf.initialisation.personal import Outlines, PersonalFit
 from apf.initialisation.surface import fit_surface
 from apf.tracking.track import Track
 from apf.tracking.two_way import SMOOTHED_SECONDS, smooth_poses
 
+#: Completes the tracks of a person's own body after the last pass.
+Complete: TypeAlias = Callable[[Sequence[Track]], list[Track]]
+
 
 def fit_personal_body(
     tracks: Sequence[Track], template: BodyModel, outlines: Mapping[int, Outlines], fps: float
-) -> tuple[list[Track], Callable[[], Surface] | None]:
+) -> tuple[list[Track], Complete]:
     """Return the tracks of a take with the person's own body, measured along the first of them, and
-    poses that fit it to the `outlines` of the frames; and what fits the person's surface to them.
-    Frames in which the person was lost stay as they were. template: the body of the start. fps:
-    frames tracked per second."""
-    first = tracks[0]
+    poses that fit it to the `outlines` of the frames; and what completes them after the last pass:
+    with the uncertainty of the joints, and the surface. Frames in which the person was lost stay as
+    they were. template: the body of the start. fps: frames tracked per second."""
     fit = PersonalFit(add_ankles(template))
-    tracked, outlined = _find_shown(first, outlines)
-    measures, covariance = fit.measure(outlined, _with_ankles(first.poses, fit)[tracked])
+    of_each = [_find_shown(track, outlines) for track in tracks]
+    tracked, outlined = of_each[0]
+    measures, covariance = fit.measure(outlined, _with_ankles(tracks[0].poses, fit)[tracked])
     body = fit.shape.body(measures)
-    lengths = fit.length_deviations(measures, covariance)
     fitted = []
-    for track in tracks:
-        rows, shown = _find_shown(track, outlines)
+    for track, (rows, shown) in zip(tracks, of_each, strict=True):
         poses, diagnostics = _with_ankles(track.poses, fit), dict(track.diagnostics)
         poses[rows] = fit.pose(measures, shown, poses[rows])
         poses = smooth_poses(body, poses, rows, round(SMOOTHED_SECONDS * fps) | 1)
-        stated = np.array(track.covariance)
-        stated[rows] = fit.joint_covariance(measures, covariance, shown, poses[rows])
-        diagnostics["covariance"] = stated
         if "deviation" in diagnostics:
             diagnostics["deviation"] = _with_ankles(diagnostics["deviation"], fit)
         joints = posed_joints(body, poses)
@@ -53,8 +50,20 @@ def fit_personal_body(
                 diagnostics=diagnostics,
             )
         )  # fmt: skip
-    surface = partial(fit_surface, body, outlined, fitted[0].poses[tracked], lengths)
-    return fitted, surface if outlined else None
+
+    def complete(last: Sequence[Track]) -> list[Track]:
+        lengths, completed = fit.length_deviations(measures, covariance), list[Track]()
+        surface = None
+        if outlined:
+            surface = fit_surface(body, outlined, fitted[0].poses[tracked], lengths)
+        for track, (rows, shown) in zip(last, of_each, strict=True):
+            stated = np.array(track.covariance)
+            stated[rows] = fit.joint_covariance(measures, covariance, shown, track.poses[rows])
+            diagnostics = {**track.diagnostics, "covariance": stated}
+            completed.append(replace(track, diagnostics=diagnostics, surface=surface))
+        return completed
+
+    return fitted, complete
 
 
 def _find_shown(

@@ -16,7 +16,6 @@ import numpy as np
 from apf.body.kinematics import posed_joints
 from apf.body.limbs import limb_ends
 from apf.body.model import BodyModel
-from apf.body.surface import Surface
 from apf.filters.method import Method
 from apf.filters.term_weights import list_comparing_weights
 from apf.initialisation.config import StartConfig
@@ -26,7 +25,7 @@ from apf.initialisation.personal import Outlines
 from apf.initialisation.sequence import initialise
 from apf.initialisation.start import Start, StartError, check_startable
 from apf.tracking.limb_confidence import LEAST_DISTANCE, SAME_PLACE
-from apf.tracking.personal_pass import fit_personal_body
+from apf.tracking.personal_pass import Complete, fit_personal_body
 from apf.tracking.pipeline import TrackingRun, TrackingTask, track_frames, track_people
 from apf.tracking.settings import TakeSettings
 from apf.tracking.track import Track
@@ -58,8 +57,8 @@ class Take:
     """The result for one sequence: `body`, its first `pose` (D,), in frame `frame`, from which it
     was tracked to both ends, and one track for each seed. start: the automatic start; None if body
     and pose were given. seconds: of reconstruction and tracking, without the start. error: the
-    error that ended the tracks early. surface: fits that of the person's own body, which the tracks
-    get after the last pass, see `add_surface`."""
+    error that ended the tracks early. complete: completes the tracks of the person's own body
+    after the last pass, see `complete_take`."""
 
     sequence: Sequence
     body: BodyModel
@@ -69,7 +68,7 @@ class Take:
     seconds: float
     error: UserError | None = None
     frame: int | None = None
-    surface: Callable[[], Surface] | None = None
+    complete: Complete | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,7 +103,7 @@ def track_take(
     UserError; an error after the first frame ends the tracks and becomes the take's `error`.
     """
     started = [start_take(session, settings, progress)]
-    return add_surface(track_again(started, track_first(started, progress, [keep]), progress)[0])
+    return complete_take(track_again(started, track_first(started, progress, [keep]), progress)[0])
 
 
 def start_take(
@@ -281,28 +280,27 @@ def fit_personal(
         progress("fitting")
     began, template = time.perf_counter(), started.task.body
     with one_blas_thread():  # the products are small
-        tracks, surface = fit_personal_body(take.tracks, template, outlines, started.session.rate)
+        tracks, complete = fit_personal_body(take.tracks, template, outlines, started.session.rate)
     pose = tracks[0].poses[list(tracks[0].frames).index(take.frame)]
     seconds = take.seconds + time.perf_counter() - began
     return replace(
-        take, body=tracks[0].its_body, pose=pose, tracks=tracks, seconds=seconds, surface=surface
+        take, body=tracks[0].its_body, pose=pose, tracks=tracks, seconds=seconds, complete=complete
     )
 
 
-def add_surface(take: Take) -> Take:
-    """Return the take whose tracks have the surface of the person's own body, if there is one. If
-    an interrupt ends its fit, the tracks count as interrupted."""
-    if take.surface is None:
+def complete_take(take: Take) -> Take:
+    """Return the take whose tracks have what only the last pass needs: the uncertainty and the
+    surface of the person's own body, if there is one. If an interrupt comes first, they count as
+    interrupted."""
+    if take.complete is None:
         return take
     began = time.perf_counter()
     try:
         with one_blas_thread():
-            surface = take.surface()
+            tracks = take.complete(take.tracks)
     except KeyboardInterrupt:
-        return replace(take, tracks=[track.as_interrupted for track in take.tracks])
-    seconds = take.seconds + time.perf_counter() - began
-    tracks = [replace(track, surface=surface) for track in take.tracks]
-    return replace(take, tracks=tracks, seconds=seconds)
+        tracks = [track.as_interrupted for track in take.tracks]
+    return replace(take, tracks=tracks, seconds=take.seconds + time.perf_counter() - began)
 
 
 def compare_passes(first: Track, second: Track) -> Track:

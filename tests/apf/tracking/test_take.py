@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -18,11 +19,12 @@ from apf.tracking.pipeline import Tracked, TrackingTask
 from apf.tracking.take import (
     StartedTake,
     Take,
-    add_surface,
     choose_heading,
+    complete_take,
     rank_starts,
     track_again,
 )
+from apf.tracking.track import Track
 from cl import DeviceError, NumpyDevice
 from psfs.session import Session, SessionSettings
 from psfs.volume import automatic_grid
@@ -91,12 +93,14 @@ def test_the_first_pass_counts_if_the_second_one_does_not_end(
     body, session = track.its_body, session_of({})
     session.sequence.folder = Path("nowhere")
     task = TrackingTask(replace(body, name="of the start"), track.poses[0], Method(), [0])
-    surface = object()
-    first = Take(
-        session.sequence, body, track.poses[0], None, [track], 1.0, surface=lambda: surface
-    )  # type: ignore[arg-type, return-value]
-    found = add_surface(track_again([StartedTake(session, task)], [first])[0])
-    assert found.tracks[0].surface is surface
+
+    def complete(tracks: Sequence[Track]) -> list[Track]:
+        return [replace(each, fps=7.0) for each in tracks]
+
+    of_take = session.sequence, body, track.poses[0], None, [track], 1.0
+    first = Take(*of_take, complete=complete)
+    found = complete_take(track_again([StartedTake(session, task)], [first])[0])
+    assert found.tracks[0].fps == 7.0
     assert found.tracks[0].interrupted and found.error is (
         ended if isinstance(ended, DeviceError) else None
     )
