@@ -22,6 +22,7 @@ from cl import Device, InputError, NumpyDevice
 from psfs.backend import AnyReconstructor, make_evidence_function, make_reconstructor
 from psfs.background.gaussian import Background
 from psfs.cameras.camera import CameraRig
+from psfs.common.system import KEPT_BYTES
 from psfs.reconstructor import Reconstructor
 from psfs.sequence import Frame, Sequence
 from psfs.silhouettes.hidden import UNKNOWN
@@ -32,10 +33,6 @@ from psfs.voxels.grid import VoxelCloud, VoxelGrid
 from psfs.voxels.host_voxels import HostVoxels
 
 R = TypeVar("R")
-
-#: Greatest size of the evidence maps that a session keeps, and of its carved frames, bytes: 218
-#: frames of four VGA cameras.
-_KEPT_BYTES = 2**28
 
 
 @dataclass(frozen=True)
@@ -182,7 +179,7 @@ class Session:
                     found[index] = self._evidence_of(read(index))
         for index in missing:
             self._evidence[index] = found[index]
-        while sum(of.nbytes for of in self._evidence.values()) > _KEPT_BYTES:
+        while sum(of.nbytes for of in self._evidence.values()) > KEPT_BYTES:
             self._evidence.popitem(last=False)
         return [found[index] for index in wanted]
 
@@ -231,7 +228,7 @@ class Session:
 
 
 class _CarvedFrames:
-    """Carved frames with silhouettes stored as compressed bits. If they exceed `_KEPT_BYTES`, all
+    """Carved frames with silhouettes stored as compressed bits. If they exceed `KEPT_BYTES`, all
     are dropped and no more are kept."""
 
     def __init__(self, wanted: frozenset[int]) -> None:
@@ -248,7 +245,7 @@ class _CarvedFrames:
         self._shape = counts.shape
         self._frames[index] = shown, known, cloud
         self._n_bytes += len(shown) + len(known) + cloud.nbytes
-        if self._n_bytes > _KEPT_BYTES:
+        if self._n_bytes > KEPT_BYTES:
             self._wanted = frozenset()
             self._frames.clear()
 

@@ -18,9 +18,8 @@ import numpy as np
 
 from apf.body.anatomy import anatomical_frames
 from apf.body.model import BodyModel
+from psfs.common.numbers import FROM_Y_UP
 
-#: World axes, Z up, as the columns X, Y, Z of a frame that stands upright and faces along x.
-WORLD = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
 #: Mirrors left segments, so that their angles have the same meaning as the right ones'.
 _MIRROR = np.diag([1.0, 1.0, -1.0])
 #: Elevation, degrees, below which an arm's plane of elevation is undefined.
@@ -52,7 +51,7 @@ def angles_between(frames: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
     of `anatomical_frames`."""
     angles: dict[str, np.ndarray] = {}
     if "pelvis" in frames:
-        turned = decompose_yxz(WORLD.T @ frames["pelvis"])
+        turned = decompose_yxz(FROM_Y_UP.T @ frames["pelvis"])
         names = ("rotation", "obliquity", "anterior_tilt")
         angles |= _name_angles("pelvis", names, turned, (1, 1, -1))
     names = ("flexion", "right_bending", "left_rotation")

@@ -23,6 +23,7 @@ from apf.takes.results import FinishedTake, finish_take, write_tracks
 from apf.takes.start import find_first_pose, read_given_start
 from apf.tracking.take import Take
 from apf.tracking.track import Track
+from apf.tracking.two_way import OVERLAP
 from cl import Device, InputError, NumpyDevice
 from psfs.diagnostics.examination import Examination
 from psfs.opening import (
@@ -38,8 +39,6 @@ from psfs.volume import automatic_grid, find_volume
 PARTS = "parts"
 #: The file of a take's first pose, in its folder there.
 START = "start.txt"
-#: Time that two chunks share, s: a track has settled on a start within about half of it.
-_OVERLAP = 1.0
 #: Mean distance over the joints up to which two tracks of a frame are the same but for noise, m:
 #: runs with different seeds lie 10 to 20 mm apart, a wrong start 100 and more.
 _AGREEMENT = 0.05
@@ -70,8 +69,7 @@ def cut_take(progress: TaskProgress, job: TakeJob, part_frames: int) -> tuple[Ta
         examination, request, _ = _examine(request, device, progress)
         session = examination.session
         frames = select_common_frames(request.frames, session.sequence, progress.warn)
-        overlap = round(_OVERLAP * session.rate)
-        chunks = cut_chunks(frames, part_frames, overlap)
+        chunks = cut_chunks(frames, part_frames, OVERLAP)
         if len(chunks) < 2:
             print(f"{len(frames)} frames are too few for parts of {part_frames} that overlap")
             return ()

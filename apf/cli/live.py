@@ -27,12 +27,12 @@ from apf.request import LiveRequest
 from apf.takes.results import RESULTS, Keeper, remove_parts, write_people
 from apf.takes.start import check_start
 from apf.tracking.people import PeopleTracks, person_folder
-from apf.tracking.pipeline import PART_SECONDS, build_track
+from apf.tracking.pipeline import build_track
 from apf.tracking.track import PARTS, Track
 from cl import Device, InputError, UserError, select_device
 from psfs.cli.commandline import stderr, stdout, warn
 from psfs.common.files import write_json
-from psfs.common.outputs import output_folder
+from psfs.common.outputs import PART_SECONDS, output_folder
 from psfs.common.ranges import check_number
 from psfs.common.requests import write_settings
 from psfs.opening import open_sequence

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from apf.body.anatomy import anatomical_frames
-from apf.body.angles import WORLD, angles_between, decompose_zxy, unwrap_known
+from apf.body.angles import angles_between, decompose_zxy, unwrap_known
 from apf.body.kinematics import posed_joints
 from apf.body.limbs import limb_angles
 from apf.body.model import BodyModel
@@ -17,6 +17,7 @@ from apf.formats.motion import BodyMotion, interpolate_gaps
 from apf.formats.skeleton import TO_Y_UP
 from apf.formats.trc import JointSeries
 from psfs.common.files import open_text
+from psfs.common.numbers import FROM_Y_UP
 
 #: OpenSim's coordinates of the pelvis: angles about Z, X' and Y'' against the world, and position.
 _PELVIS = ("pelvis_tilt", "pelvis_list", "pelvis_rotation", "pelvis_tx", "pelvis_ty", "pelvis_tz")
@@ -99,7 +100,7 @@ def opensim_coordinates(body: BodyModel, poses: np.ndarray) -> dict[str, np.ndar
     frames = anatomical_frames(body, poses)
     table: dict[str, np.ndarray] = {}
     if "pelvis" in frames:
-        turned = np.degrees(unwrap_known(decompose_zxy(WORLD.T @ frames["pelvis"])))
+        turned = np.degrees(unwrap_known(decompose_zxy(FROM_Y_UP.T @ frames["pelvis"])))
         place = posed_joints(body, poses)[:, body.joint_names.index("pelvis")] @ TO_Y_UP.T
         table |= zip(_PELVIS, (*turned.T, *place.T), strict=True)
     angles = angles_between(frames)

@@ -15,13 +15,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from apf.body.anatomy import standing_axes
-from apf.body.angles import WORLD, rotation_between
+from apf.body.angles import rotation_between
 from apf.body.kinematics import bone_matrices, posed_joints
 from apf.body.markers import virtual_markers
 from apf.body.model import BodyModel, Joint, find_side, sideless
+from psfs.common.numbers import FROM_Y_UP
 
 #: From the tracker's world to the files': (x, y, z) -> (x, z, -y).
-TO_Y_UP = WORLD.T
+TO_Y_UP = FROM_Y_UP.T
 _NAMES = {
     "pelvis": "Hips", "thorax": "Spine", "head": "Head", "head_top": "HeadTop",
     "clavicle": "Shoulder", "upper_arm": "Arm", "forearm": "ForeArm", "wrist": "Hand",

@@ -15,8 +15,9 @@ import numpy as np
 
 from apf.formats.axes import AXES
 from cl import InputError
+from psfs.cameras.units import rotation_to_z_up
 from psfs.common.files import MOST_BYTES, open_text, read_text
-from psfs.common.numbers import METRES, drop_origin
+from psfs.common.numbers import FROM_Y_UP, METRES, drop_origin
 from psfs.common.ranges import FARTHEST, LARGEST, MOST_FRAMES
 
 #: Rotations from TRC axes to the world's (Z up): world = trc @ matrix.T
@@ -24,9 +25,9 @@ CONVENTIONS: dict[str, np.ndarray] = dict(
     zip(
         AXES,
         (
-            np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]),  # world = (X, -Z, Y), as written here
-            np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]]),  # world = (Z, X, Y)
-            np.eye(3),  # world = (X, Y, Z)
+            FROM_Y_UP,  # world = (X, -Z, Y), as written here
+            rotation_to_z_up("y"),  # world = (Z, X, Y)
+            rotation_to_z_up("z"),  # world = (X, Y, Z)
         ),
         strict=True,
     )

@@ -36,6 +36,7 @@ from apf.tracking.trackers import make_recovering_runs, make_recovering_tracker,
 from apf.tracking.two_way import TwoWays
 from apf.tracking.uncertainty import joint_covariance
 from cl import InputError, UserError
+from psfs.common.outputs import PART_SECONDS
 from psfs.people.separation import PersonSession
 from psfs.reconstructor import Reconstructor
 from psfs.sequence import Frame
@@ -52,9 +53,6 @@ FrameKeypoints: TypeAlias = Callable[[int], PointObservations]
 #: Receives the next chunk of each seed's track; returns the files that it wrote, or None if it
 #: wrote none.
 KeepParts: TypeAlias = Callable[[Items[Track]], "Items[Path] | None"]
-
-#: Length, s of tracking, of the chunks that are stored together.
-PART_SECONDS = 1.0
 
 
 @dataclass(frozen=True, eq=False)

@@ -52,8 +52,8 @@ _JUMP_PER_ERROR = 0.6
 #: Time, s, of the Savitzky-Golay window that smooths the poses; longer ones flatten fast motion.
 #: Largest distance, m, of a limb's joints from their smoothed positions.
 SMOOTHED_SECONDS, _SMOOTHED_WITHIN = 0.15, 0.01
-#: Frames at a window's end that are tracked again in the next window, so that the backward pass has
-#: converged where poses become final; at most a third of the window.
+#: Frames at the end of a window, or of a chunk, that are tracked again in the next one, so that the
+#: pass has converged where poses become final; at most a third of the window.
 OVERLAP = 30
 #: Largest window: bytes of its observations, about 500 frames of 4 cameras of 640 x 480 with clean
 #: silhouettes; frames, if the observations are keypoints alone.

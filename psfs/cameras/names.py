@@ -79,30 +79,36 @@ def _match_named(cameras: Sequence[str], found: Sequence[str], where: str) -> di
     shared = set.intersection(*(set(name_tokens(name)) for name in found)) if found else set()
     fitting: dict[str, list[str]] = {}
     for name in found:
-        fits = [own for own in cameras if name_tokens(own) == name_tokens(name)] or [
-            own for own in cameras if contains_name(name, own)
+        fits = [camera for camera in cameras if name_tokens(camera) == name_tokens(name)] or [
+            camera for camera in cameras if contains_name(name, camera)
         ]
-        owners = [own for own in fits if not any(contains_name(o, own) for o in fits if o != own)]
+        owners = [
+            camera
+            for camera in fits
+            if not any(contains_name(other, camera) for other in fits if other != camera)
+        ]
         if len(owners) > 1:
-            owners = [own for own in owners if not shared.issuperset(name_tokens(own))] or owners
+            owners = [
+                camera for camera in owners if not shared.issuperset(name_tokens(camera))
+            ] or owners
         if len(owners) > 1:
             raise InputError(
                 f"{where}: {name} fits several cameras: {join_names(owners)}; expected a name "
                 f"that contains one of {join_names(cameras)}{_example(cameras, found)}"
             )
-        for own in owners:
-            fitting.setdefault(own, []).append(name)
+        for camera in owners:
+            fitting.setdefault(camera, []).append(name)
     named = {}
-    for own, names in fitting.items():
+    for camera, names in fitting.items():
         if len(names) == len(found) > 1:
             continue  # what all names contain tells nothing
-        same = [name for name in names if name_tokens(name) == name_tokens(own)] or names
+        same = [name for name in names if name_tokens(name) == name_tokens(camera)] or names
         if len(same) > 1:
             raise InputError(
-                f"{where}: {join_names(same)} all fit camera {own}; expected one per camera"
+                f"{where}: {join_names(same)} all fit camera {camera}; expected one per camera"
                 f"{_example(cameras, found)}"
             )
-        named[own] = same[0]
+        named[camera] = same[0]
     return named
 
 
@@ -123,7 +129,7 @@ def rename_files(
     them, all names are as they are."""
     renamed, moved = dict(found), {}
     for camera, name in (files or {}).items():
-        same = [own for own in renamed if name_tokens(own) == name_tokens(name)]
+        same = [old for old in renamed if name_tokens(old) == name_tokens(name)]
         if len(same) != 1:
             if where is None:
                 return dict(found)

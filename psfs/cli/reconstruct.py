@@ -14,7 +14,7 @@ import numpy as np
 from cl import Device, InputError, UserError, select_device
 from psfs.cli.commandline import progress_bar, stdout, warn
 from psfs.common.files import write_json, write_picture
-from psfs.common.outputs import OutputFolder, output_folder
+from psfs.common.outputs import PART_SECONDS, OutputFolder, output_folder
 from psfs.common.requests import SETTINGS, write_settings
 from psfs.common.system import versions
 from psfs.diagnostics.reprojection_iou import (
@@ -40,8 +40,6 @@ from psfs.voxels.clouds import remove_debris, write_cloud
 from psfs.voxels.grid import VoxelCloud, VoxelGrid
 from psfs.voxels.occupied_box import PEOPLE_VOXEL, finest_pixel
 
-#: Seconds between two writes of the summary during a run.
-_SUMMARY_EVERY = 1.0
 #: Frames whose silhouettes are compared with the volume.
 _COMPARED = 8
 #: Least volume of somebody who stands, litres: what a child of a year weighs, kg.
@@ -177,7 +175,7 @@ class _Job:
             fact = {"index": index, "surface_voxels": len(cloud), "volume_m3": cloud.volume}
             self.done.append(fact)
         self._waiting.clear()
-        if time.perf_counter() - self._stated_at > _SUMMARY_EVERY:
+        if time.perf_counter() - self._stated_at > PART_SECONDS:
             self._state()
 
     def _state(self) -> None:

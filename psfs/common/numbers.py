@@ -9,6 +9,8 @@ import scipy
 METRES = {"mm": 1e-3, "cm": 1e-2, "m": 1.0}
 #: An inch, m.
 INCH = scipy.constants.inch
+#: Rotation that takes Y up to Z up, the x axis staying: (x, y, z) becomes (x, -z, y).
+FROM_Y_UP = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
 #: Probability of each test that sound footage, or a sound camera, is accused.
 FALSE_ALARMS = 1e-3
 

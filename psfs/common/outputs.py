@@ -27,6 +27,8 @@ from psfs.common.reading import open_input, parsing
 from psfs.common.system import is_alive, lock_file
 
 MANIFEST = "manifest.txt"
+#: Time between two writes of what a run has done so far, s.
+PART_SECONDS = 1.0
 _HEAD = "psfs-apf manifest: these files were written by commands, which may replace them"
 #: Prefix of the names of incomplete files; the process id follows.
 _TEMPORARY = ".psfs-"

@@ -19,7 +19,7 @@ LONGEST_SIDE, MOST_PIXELS = 32_768, 2**28
 FARTHEST = 10_000.0
 #: Most frames of a file that states them: nine hours at 30 frames/s.
 MOST_FRAMES = 1_000_000
-#: Most ranges of frames that a message names; files have all.
+#: Most ranges of frames, missing numbers or files that a message names.
 NAMED = 4
 
 

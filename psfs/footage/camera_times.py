@@ -16,8 +16,8 @@ import scipy
 
 #: Independent measurements per frame: in neighbouring frames silhouettes and keypoints err alike.
 INDEPENDENT_SHARE = 0.1
-#: Least share of the frames that must be left at an offset.
-_LEAST_OVERLAP = 0.4
+#: Least share of the frames that must be left at an offset: a few fit at any.
+LEAST_OVERLAP = 0.4
 #: Stretches of frames by which an offset is tested, and interleaved parts that these make up.
 BLOCKS, _FOLDS = 10, 5
 #: Greatest share by which a camera's clock runs differently.
@@ -98,7 +98,7 @@ def sum_costs(differences: np.ndarray, cap: float) -> np.ndarray:
 def mean_costs(table: np.ndarray) -> np.ndarray:
     """Return the mean differences (L,) of `PairCosts` (L, B, 2); NaN where too few are left."""
     sums, counts = table.sum(axis=1).T
-    enough = counts > _LEAST_OVERLAP * counts.max(initial=1)
+    enough = counts > LEAST_OVERLAP * counts.max(initial=1)
     return np.where(enough, sums / np.maximum(counts, 1), np.nan)
 
 

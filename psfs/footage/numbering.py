@@ -7,13 +7,12 @@ from pathlib import Path
 
 from cl import InputError
 from psfs.cameras.names import join_names
+from psfs.common.ranges import NAMED
 from psfs.footage.layouts.common import Footage
 from psfs.footage.media import Media
 
 #: If the pictures have at least this share of their numbers in common, these number the frames.
 _MIN_COMMON_SHARE = 0.5
-#: Most missing numbers that a message lists.
-_MAX_LISTED = 5
 
 
 def pair_by_number(footage: Footage) -> tuple[Footage, list[str]]:
@@ -93,5 +92,5 @@ def _check_extra(kind: tuple[Media, ...]) -> None:
 
 
 def _shorten_list(numbers: list[int]) -> str:
-    more = f" and {len(numbers) - _MAX_LISTED} more" if len(numbers) > _MAX_LISTED else ""
-    return " ".join(map(str, numbers[:_MAX_LISTED])) + more
+    more = f" and {len(numbers) - NAMED} more" if len(numbers) > NAMED else ""
+    return " ".join(map(str, numbers[:NAMED])) + more

@@ -12,6 +12,7 @@ from cl import Device, InputError, NumpyDevice
 from psfs.backend import AnyReconstructor, make_reconstructor
 from psfs.common.colours import CLAY
 from psfs.common.files import write_atomically
+from psfs.common.numbers import FROM_Y_UP
 from psfs.common.regions import keep_large_regions
 from psfs.mesh.config import FORMATS, SMOOTHING
 from psfs.output.reconstruction_folder import ReconstructionFolder
@@ -29,7 +30,8 @@ _LAMBDA, _MU = 0.5, 0.53
 #: Probability at which the surface lies.
 THRESHOLD = OccupancyConfig().threshold
 _COMMENT = "psfs-apf surface; unit metre; right-handed, Z up"
-Y_UP = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
+_TO_Y_UP = np.eye(4)
+_TO_Y_UP[:3, :3] = FROM_Y_UP.T
 
 
 def extract_surface(
@@ -184,15 +186,15 @@ def _ply(mesh: trimesh.Trimesh) -> bytes:
 
 def _obj(mesh: trimesh.Trimesh) -> bytes:
     header = _COMMENT.replace("Z up", "Y up")
-    turned = mesh.copy().apply_transform(Y_UP)
+    turned = mesh.copy().apply_transform(_TO_Y_UP)
     text = turned.export(file_type="obj", include_normals=True, digits=6, header=header)
     return str(text).encode()
 
 
 def make_glb(mesh: trimesh.Trimesh) -> bytes:
-    """Return the mesh as a GLB file: +Y up (`Y_UP`), in its vertices' colours, matte."""
+    """Return the mesh as a GLB file: +Y up, in its vertices' colours, matte."""
     turned = mesh.copy()
-    turned.apply_transform(Y_UP)
+    turned.apply_transform(_TO_Y_UP)
     colours = vertex_colours(mesh)
     base = to_linear(np.array(CLAY))
     if colours is not None:

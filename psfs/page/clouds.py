@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 
 from cl import InputError, UserError
+from psfs.common.system import KEPT_BYTES
 from psfs.mesh.marching_cubes import make_glb
 from psfs.output.reconstruction_folder import ReconstructionFolder
 from psfs.page.colours import COLOURINGS, colour_vertices, colour_voxels
@@ -23,8 +24,6 @@ from psfs.voxels.grid import VoxelCloud, VoxelGrid
 if TYPE_CHECKING:
     import trimesh
 
-#: Greatest size of the points that are kept, bytes: about 700 frames of 30,000 voxels.
-KEPT_BYTES = 2**28
 #: About the most points that a browser without a graphics chip draws 25 times a second.
 FEW = 8_000
 #: Blocks k voxels wide of a surface of N voxels, as a share of N / k^2.

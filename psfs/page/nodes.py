@@ -9,7 +9,7 @@ import numpy as np
 import scipy
 
 from psfs.cameras.camera import CameraRig
-from psfs.mesh.marching_cubes import Y_UP
+from psfs.common.numbers import FROM_Y_UP
 from psfs.page.clouds import Points, Surface, grid_centre
 from psfs.voxels.grid import VoxelGrid
 
@@ -58,7 +58,7 @@ class VoxelNode:
             self._mesh.remove()
             self._mesh = None
         if isinstance(shown, Surface):
-            back = to_quaternion(Y_UP[:3, :3].T)
+            back = to_quaternion(FROM_Y_UP)
             self._mesh = self._scene.add_glb("/mesh", shown.glb, wxyz=back)
         elif shown is not None and len(shown.positions):
             self._node.points, self._node.colors = shown.positions, shown.colours

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from psfs.cameras.camera import CameraRig
+from psfs.cameras.camera import BLOCK, CameraRig
 from psfs.cameras.rig_geometry import cell_rays, cells
 from psfs.common.cones import cone_distances, ray_cone_distances
 from psfs.voxels.body_prior import (
@@ -19,9 +19,6 @@ from psfs.voxels.body_prior import (
 )
 from psfs.voxels.config import ReconstructionConfig
 
-#: Points whose distances to all cones are computed at once.
-_LOT = 2**15
-
 
 def body_evidence(points: np.ndarray, cones: np.ndarray, step: float) -> np.ndarray:
     """Return the counts (N,) of `step` nats that a body with cones (C, 16), NaN where they are
@@ -29,8 +26,8 @@ def body_evidence(points: np.ndarray, cones: np.ndarray, step: float) -> np.ndar
     inside, outside, known = body_counts(cones, step)
     nearest = np.full(len(points), np.inf)
     if len(known):
-        for first in range(0, len(points), _LOT):
-            lot = slice(first, first + _LOT)
+        for first in range(0, len(points), BLOCK):
+            lot = slice(first, first + BLOCK)
             nearest[lot] = cone_distances(points[lot], known).min(1)
     within = np.clip((EDGE - nearest) / (2 * EDGE), 0, 1)
     return np.rint(outside + within * (inside - outside))

@@ -18,12 +18,11 @@ import scipy
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.diagnostics.hulls import HullRays
 from psfs.diagnostics.tangency import NEAREST
+from psfs.footage.camera_times import LEAST_OVERLAP
 from psfs.self_calibration.upright import FEWEST, UprightView
 
 #: Noise of the person's places on the floor and of the touching planes' positions, statures.
 _PLACES, _PLANES = 0.1, 0.006
-#: Least share of the shorter recording that two cameras must have in common.
-_SHARE = 0.3
 #: Shortest line between two cameras, and the height of the person's middle, statures.
 _SHORTEST, _MIDDLE = 0.2, 0.55
 #: Number of angles around the vertical that are tried.
@@ -58,7 +57,7 @@ def compare_pair(
     """
     costs = np.full((len(angles), 2 * most + 1), np.nan)
     a, b = first.view.places, second.view.places
-    fewest = max(FEWEST, int(_SHARE * min(len(a), len(b))))
+    fewest = max(FEWEST, int(LEAST_OVERLAP * min(len(a), len(b))))
     cosine, sine = np.cos(angles), np.sin(angles)
     turns = np.stack([np.stack([cosine, -sine], -1), np.stack([sine, cosine], -1)], -2)
     turned = b @ turns.swapaxes(1, 2)

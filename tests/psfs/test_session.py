@@ -80,7 +80,7 @@ def test_frames_carved_by_one_stage_are_kept_for_the_next(
 def test_kept_frames_take_a_bounded_memory(
     session: Session, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(psfs.session, "_KEPT_BYTES", 1)
+    monkeypatch.setattr(psfs.session, "KEPT_BYTES", 1)
     grid = automatic_grid(session)
     session.keep_carved(range(5))
     reconstruct = session.reconstructor(grid)
@@ -120,7 +120,7 @@ def test_evidence_is_computed_once(session: Session, monkeypatch: pytest.MonkeyP
     with monkeypatch.context() as patch:
         patch.setattr(Sequence, "reader", None)  # nothing is read
         assert all(map(np.array_equal, session.evidence([0, 3]), expected[1:]))
-    monkeypatch.setattr(psfs.session, "_KEPT_BYTES", 1)
+    monkeypatch.setattr(psfs.session, "KEPT_BYTES", 1)
     assert all(map(np.array_equal, session.evidence([1, 3, 0, 3])[1:], expected))
 
 

@@ -4,13 +4,9 @@ from __future__ import annotations
 
 import csv
 import json
-import os
 import runpy
 import shutil
-import signal
-import subprocess
 import sys
-import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -164,31 +160,6 @@ def test_triangulation_voxels_keypoints_and_both_side_by_side(folder: Path, tmp_
     assert all(f"| walk | 4 | default | {name} |" in table for name in by)
     with pytest.raises(InputError, match="no sequence has keypoints"):
         list(suite_settings([takes / "without"], ["found"], ["both"], first))
-
-
-def test_an_interrupt_keeps_finished_runs(folder: Path, tmp_path: Path) -> None:
-    """Of takes tracked by keypoints alone, which examine no pictures."""
-    out, takes = tmp_path / "out", tmp_path / "takes"
-    for number in range(8):
-        without = shutil.ignore_patterns("truth_masks")
-        take = Path(shutil.copytree(folder / "walk", takes / f"walk{number}", ignore=without))
-        write_true_keypoints(take)
-    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    flags = ("--seeds", "1", "--start", "true", "--by", "keypoints", "--processes", "2")
-    process = subprocess.Popen(
-        command(takes, out, *flags), env=environment, stdout=subprocess.DEVNULL,
-        stderr=subprocess.PIPE, text=True,
-    )  # fmt: skip
-    for _ in range(3000):  # machines may be busy
-        if (out / "results.json").exists() or process.poll() is not None:
-            break
-        time.sleep(0.1)
-    process.send_signal(signal.SIGINT)
-    _, error = process.communicate(timeout=120)
-    assert process.returncode == 130, error
-    assert "Traceback" not in error
-    runs = Results.read(out / "results.json").runs
-    assert 1 <= len(runs) < 8 and (out / "suite.md").is_file()
 
 
 def test_folders_with_truth(

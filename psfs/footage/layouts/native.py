@@ -10,13 +10,12 @@ from pathlib import Path
 from cl import InputError, MissingFileError
 from psfs.cameras.calibration import find_calibration
 from psfs.cameras.names import join_names, rename_files
+from psfs.common.ranges import NAMED
 from psfs.footage.layouts.common import Footage, Layout, assemble, read_rig
 from psfs.footage.media import IMAGE_SUFFIXES, VIDEO_SUFFIXES, list_media
 from psfs.footage.settings import SequenceSettings
 
 _IMAGES = ("videos", "images")
-#: Files that a message lists.
-_SOME = 4
 
 
 def _matches(folder: Path, settings: SequenceSettings) -> bool:
@@ -50,7 +49,7 @@ def _read(folder: Path, settings: SequenceSettings) -> Footage:
     primary = images or "masks"
     if not found.get(primary):
         there = [path for place in folders.values() if place.is_dir() for path in place.iterdir()]
-        some = join_names(str(path.relative_to(folder)) for path in sorted(there)[:_SOME])
+        some = join_names(str(path.relative_to(folder)) for path in sorted(there)[:NAMED])
         raise InputError(
             f"{folder}: no pictures in videos/, images/<camera>/ or masks/<camera>/; found {some}; "
             f"expected {join_names(sorted(VIDEO_SUFFIXES | IMAGE_SUFFIXES))}"

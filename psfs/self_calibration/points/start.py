@@ -17,7 +17,7 @@ import numpy as np
 from psfs.cameras.camera import Camera
 from psfs.common.numbers import pick_evenly
 from psfs.diagnostics.refinement import N_PARAMETERS
-from psfs.footage.camera_times import estimate_times, shift_points, sum_costs
+from psfs.footage.camera_times import LEAST_OVERLAP, estimate_times, shift_points, sum_costs
 from psfs.self_calibration.points.bundle import (
     PointObservations,
     PointScene,
@@ -160,8 +160,6 @@ def pose_sigmas(n_cameras: int) -> np.ndarray:
 
 #: Rounds of the robust weights of the eight-point algorithm, and their width in medians.
 _ROUNDS, _WIDTH = 4, 2.0
-#: Least share of the frames that two cameras have in common: a few frames fit at any lag.
-_OVERLAP = 0.5
 #: Most points of two cameras that are compared at each lag, and distance beyond which they are no
 #: farther, in standard deviations.
 _COMPARED, _FARTHEST = 600, 10.0
@@ -211,7 +209,7 @@ def _compare_lags(a: np.ndarray, b: np.ndarray, most: int, fewest: int, noise: f
         other = shift_points(b, lag)
         rows = np.flatnonzero((np.isfinite(a) & np.isfinite(other)).all(-1))
         rows = rows[pick_evenly(len(rows), _COMPARED)]
-        if len(rows) >= fewest and n_frames - abs(lag) >= _OVERLAP * n_frames:
+        if len(rows) >= fewest and n_frames - abs(lag) >= LEAST_OVERLAP * n_frames:
             away = measure_epipolar(a.reshape(-1, 2)[rows], other.reshape(-1, 2)[rows])
             distances[rows % n_points, row, rows // n_points] = away
     # Two cameras may be `most` apart, on either side of the median camera.

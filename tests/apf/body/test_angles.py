@@ -8,12 +8,13 @@ from helpers import bodies
 from scipy.spatial.transform import Rotation
 
 from apf.body.anatomy import anatomical_frames
-from apf.body.angles import HANGING, WORLD, joint_angles, relative_rotations
+from apf.body.angles import HANGING, joint_angles, relative_rotations
 from apf.body.kinematics import posed_joints
 from apf.body.markers import virtual_markers
 from apf.body.model import BodyModel
 from apf.body.toml import load_body
 from apf.formats.angles import opensim_coordinates
+from psfs.common.numbers import FROM_Y_UP
 
 SONG = load_body("song31")
 
@@ -123,7 +124,7 @@ def test_frames_are_right_handed_and_point_along_the_limbs() -> None:
             up /= np.linalg.norm(up, axis=1, keepdims=True)
             np.testing.assert_allclose(frames[segment][:, :, 1], up, atol=1e-9)
     upright = anatomical_frames(SONG, pose_of())
-    np.testing.assert_allclose(upright["r_thigh"][0], WORLD, atol=1e-12)
+    np.testing.assert_allclose(upright["r_thigh"][0], FROM_Y_UP, atol=1e-12)
 
 
 FOOT = """

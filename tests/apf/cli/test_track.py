@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 
-import apf.tracking.pipeline
 from apf.body.toml import load_body
 from apf.cli import main
 from apf.cli.batch import make_jobs
@@ -107,23 +105,6 @@ def test_several_seeds_at_once(
     np.testing.assert_array_equal(together.poses, alone.poses)
     assert together.provenance == alone.provenance
     assert np.any(other.poses != alone.poses)
-
-
-def test_interrupted(walk: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """What is done is kept, and the exit code says that it is not all."""
-    real = apf.tracking.pipeline.observe_frames
-
-    def two(frames: Iterable[object]) -> Iterator[object]:
-        for number, frame in enumerate(frames):
-            if number == 2:
-                raise KeyboardInterrupt
-            yield frame
-
-    monkeypatch.setattr(
-        apf.tracking.pipeline, "observe_frames", lambda observe, frames: real(observe, two(frames))
-    )
-    assert track(walk, tmp_path / "out", "--no-overlay", "--no-report") == 130
-    assert Track.open(tmp_path / "out").frames.tolist() == [0, 1]
 
 
 @pytest.mark.usefixtures("quick_start")

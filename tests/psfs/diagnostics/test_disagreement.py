@@ -28,8 +28,6 @@ from psfs.diagnostics.fault import significant
 from psfs.sequence import Frame, Sequence
 from psfs.session import Session
 
-_LATE = 10  # frames
-
 
 class Spoilt:
     """A sequence one of whose cameras shows something else."""
@@ -41,7 +39,7 @@ class Spoilt:
         return getattr(self._sequence, name)
 
     def __len__(self) -> int:
-        return len(self._sequence) - _LATE
+        return len(self._sequence)
 
     @contextmanager
     def reader(self, learning: bool) -> Iterator[Callable[[int], Frame]]:
@@ -56,12 +54,8 @@ class Spoilt:
         images, view = frame.images.copy(), self._view
         if self._kind == "noise":
             images[view] = np.random.default_rng(index).integers(0, 256, images[view].shape)
-        elif self._kind == "black":
+        else:
             images[view] = 0
-        elif self._kind == "late":
-            after = self._sequence.read(index + _LATE).images
-            assert after is not None
-            images[np.arange(len(images)) != view] = np.delete(after, view, axis=0)
         return replace(frame, images=images)
 
 
@@ -69,7 +63,7 @@ class Spoilt:
 def walk(tmp_path_factory: pytest.TempPathFactory) -> Sequence:
     """Small pictures of a walk, each frame of which is decoded once."""
     folder = tmp_path_factory.mktemp("sound") / "walk"
-    config = SceneConfig(cameras=6, frames=50, fps=30, size=(160, 120), seed=4)
+    config = SceneConfig(cameras=6, frames=24, fps=30, size=(160, 120), seed=4)
     generate(folder, config, Device.best())
     sequence = Sequence.open(folder)
     sequence.read = cache(sequence.read)  # type: ignore[method-assign]
@@ -97,8 +91,7 @@ def late_walk(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.parametrize(
-    ("kind", "reason"),
-    [("noise", "looks like foreground"), ("black", "of one brightness"), ("late", "frames late")],
+    ("kind", "reason"), [("noise", "looks like foreground"), ("black", "of one brightness")]
 )
 def test_a_spoilt_camera_is_named(walk: Sequence, device, kind: str, reason: str) -> None:
     """It is left out, and no sound camera with it."""
