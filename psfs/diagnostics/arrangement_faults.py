@@ -35,10 +35,9 @@ _DISTORTIONS, _FOCAL_FACTORS = (-0.1, -0.2, -0.3, -0.4), (0.85, 0.9, 0.95, 1.05,
 _LEAST_GAIN = 0.15
 #: Cameras, those that fit worst, of which any two may be exchanged.
 _MOST_EXCHANGED = 8
-#: Share of the silhouettes outside the hull of the others above which no cameras agree.
-_BESIDE = 0.5
-#: Share of the largest misfit of the extreme planes above which no cameras agree.
-_MISFIT = 0.7
+#: Mean of the share of the silhouettes outside the others' hull and of the extreme planes' misfit,
+#: as a share of the largest, above which no cameras agree.
+_STRANGE = 0.6
 
 
 @dataclass(frozen=True)
@@ -213,9 +212,9 @@ def find_disagreeing(evidence: Evidence) -> Iterator[Fault]:
 
     Statistic: by how much the share of the others' silhouettes that lies outside their common hull
     falls if the camera is left out, by frames; it must surely fall to less than half. Needs four
-    cameras; at most a third of them are accused. If no camera explains it and less than half of the
-    silhouettes lies within the hull, or the extreme planes differ as those of strangers do, none
-    agree.
+    cameras; at most a third of them are accused. If no camera explains it, and the silhouettes lie
+    outside the hull and their extreme planes differ as those of strangers do, or most are poor,
+    none agree.
     """
     views = evidence.sound
     while len(views) >= 2:
@@ -231,9 +230,11 @@ def find_disagreeing(evidence: Evidence) -> Iterator[Fault]:
         return
     rows = agreement.own[np.isfinite(agreement.own).any(axis=1)]
     beside = np.nanmedian(rows, axis=1)
-    misfits = evidence.tangency.unchanged.blocks / CAP
-    if significant(beside, _BESIDE) or significant(misfits, _MISFIT):
-        yield _explain_disagreement(evidence, float(np.mean(beside)) if len(beside) else 1.0)
+    misfit = evidence.tangency.unchanged.cost / CAP
+    strange = beside if math.isnan(misfit) else 0.5 * (beside + misfit)
+    poor = _find_poor_silhouettes(evidence)
+    if len(rows) and (2 * len(poor) > len(views) or significant(strange, _STRANGE)):
+        yield _explain_disagreement(evidence, poor, float(np.mean(beside)), misfit)
 
 
 def find_outlier(agreement: CameraAgreement) -> tuple[int, np.ndarray]:
@@ -302,22 +303,24 @@ def _explain_outlier(evidence: Evidence, view: int) -> str:
     )
 
 
-def _explain_disagreement(evidence: Evidence, beside: float) -> Fault:
-    poor = _describe_poor_silhouettes(evidence)
+def _explain_disagreement(
+    evidence: Evidence, poor: list[str], beside: float, misfit: float
+) -> Fault:
     if poor:
-        text = f"the cameras do not agree, and silhouettes are poor: {poor}"
+        text = f"the cameras do not agree, and silhouettes are poor: {join_names(poor)}"
     else:
         text = (
             f"the cameras do not agree: {beside:.0%} of their silhouettes lie outside the others' "
-            f"hull, expected less than {_BESIDE:.0%}, though each looks sound: the calibration is "
-            "not of these pictures, or they are not of one time"
+            f"hull, and their edges miss each other by {misfit:.0%} of the most that counts, "
+            f"expected less than {_STRANGE:.0%} in the mean, though each looks sound: the "
+            "calibration is not of these pictures, or they are not of one time"
         )
     text = f"{text}; look at them: psfs info {evidence.sequence.folder} --masks FILE.png"
     return Fault("disagrees", (), text)
 
 
-def _describe_poor_silhouettes(evidence: Evidence) -> str:
-    """Return a text that names the cameras whose silhouettes are no single shape of steady size."""
+def _find_poor_silhouettes(evidence: Evidence) -> list[str]:
+    """Return texts that name the cameras whose silhouettes are no single shape of steady size."""
     poor = []
     for view, camera in enumerate(evidence.rig):
         pixels = camera.size[0] * camera.size[1]
@@ -328,4 +331,4 @@ def _describe_poor_silhouettes(evidence: Evidence) -> str:
             poor.append(f"{camera.name} often shows no person")
         elif np.median(shares) < 0.5:
             poor.append(f"{camera.name}'s are in pieces")
-    return join_names(poor) if poor else ""
+    return poor
