@@ -69,6 +69,15 @@ def made_walk(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.fixture(scope="session")
+def small_walk(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a walk in smaller pictures, to read alone: 4 cameras, 4 frames."""
+    folder = tmp_path_factory.mktemp("small") / "walk"
+    config = SceneConfig(cameras=4, frames=4, fps=30, size=(160, 120), seed=4)
+    generate(folder, config, Device.best())
+    return folder
+
+
 @pytest.fixture(scope="module")
 def walk(made_walk: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of a synthetic walk: 4 cameras, 5 frames."""

@@ -16,58 +16,33 @@ ROOT = Path(__file__).parents[1]
 #: Libraries that take a while to load, and that only work needs.
 HEAVY = ("open3d", "cv2", "scipy", "matplotlib", "plotly", "trimesh", "skimage", "pyopencl", "rich",
          "numpy", "av", "PIL", "ezc3d", "distributed", "shtab")  # fmt: skip
-PROGRAMS = [("psfs", psfs.cli.commands.COMMANDS), ("apf", apf.cli.commands.COMMANDS)]
-
-
-def loaded_by(program: str, *words: str) -> tuple[int, set[str]]:
-    """The exit code of a command in a process of its own, and the modules that it loaded."""
-    code = (
-        f"import sys; from {program}.cli import main; code = main({list(words)!r});"
-        "sys.stdout = sys.__stdout__; print('LOADED', code, *sys.modules)"
-    )
-    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT)
-    last = run.stdout.splitlines()[-1].split()
-    assert last[0] == "LOADED", run.stderr
-    return int(last[1]), set(last[2:])
+#: Words that are refused before any work, with exit code 2.
+REFUSED = {
+    "psfs": ["info NOWHERE", "reconstruct NOWHERE -o OUT", "info FOLDER --wrong"],
+    "apf": ["nonsense"],
+}
 
 
 @pytest.mark.parametrize(
-    ("program", "words", "expected"),
-    [
-        ("apf", ("--help",), 0),
-        ("psfs", ("--help",), 0),
-        ("psfs", ("info", "NOWHERE"), 2),
-        ("psfs", ("reconstruct", "NOWHERE", "-o", "OUT"), 2),
-        ("psfs", ("info", "FOLDER", "--wrong"), 2),
-        ("apf", ("nonsense",), 2),
-    ],
+    ("program", "commands"),
+    [("psfs", psfs.cli.commands.COMMANDS), ("apf", apf.cli.commands.COMMANDS)],
 )
-def test_what_needs_no_work_loads_no_heavy_library(
-    program: str, words: tuple[str, ...], expected: int
-) -> None:
-    code, modules = loaded_by(program, *words)
-    assert code == expected
-    assert not modules.intersection(HEAVY)
-    if words == ("--help",):  # nor any command's own module
-        assert f"{program}.request" not in modules
-        assert "pydantic" not in modules
-
-
-@pytest.mark.parametrize(("program", "commands"), PROGRAMS)
-def test_the_help_of_a_command_loads_no_heavy_library(program: str, commands: Any) -> None:
+def test_what_needs_no_work_loads_no_heavy_library(program: str, commands: Any) -> None:
     """One after the other in a process: the first that has a library loaded it."""
-    names = [command.name for command in commands]
+    codes = {"--help": 0} | {f"{command.name} --help": 0 for command in commands}
+    codes |= dict.fromkeys(REFUSED[program], 2)
     code = f"""
 import sys
 from {program}.cli import main
-for name in {names}:
-    code = main([name, "--help"])
-    print("LOADED", name, code, *sys.modules, file=sys.__stdout__, flush=True)
+for words in {list(codes)}:
+    code = main(words.split())
+    print("LOADED", code, *sys.modules, file=sys.__stdout__, flush=True)
 """
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT)
-    found = [line.split() for line in run.stdout.splitlines() if line.startswith("LOADED ")]
-    assert [line[1] for line in found] == names, run.stderr
-    for _, name, status, *modules in found:
-        assert status == "0", name
-        assert not {*HEAVY}.intersection(modules), name
-        assert f"{program}.cli" in modules
+    found = [line.split()[1:] for line in run.stdout.splitlines() if line.startswith("LOADED ")]
+    assert len(found) == len(codes), run.stderr
+    for (words, expected), (status, *modules) in zip(codes.items(), found, strict=True):
+        assert int(status) == expected, words
+        assert not {*HEAVY}.intersection(modules), words
+        if words == "--help":  # nor any command's own module
+            assert not {f"{program}.request", "pydantic"}.intersection(modules)

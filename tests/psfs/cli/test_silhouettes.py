@@ -11,8 +11,6 @@ import numpy as np
 import pytest
 
 import psfs.cli.silhouettes as command
-from apf.synthetic.generate import generate
-from apf.synthetic.scene import SceneConfig
 from cl import Device
 from psfs.cli import main
 from psfs.diagnostics.silhouette_scores import score_silhouettes
@@ -21,16 +19,12 @@ from psfs.sequence import Sequence
 from psfs.session import Session
 from psfs.volume import automatic_grid
 
-FRAMES = 4
-
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def folder(small_walk: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Four frames of a walk; true masks of frame 0, and of frame 2 as far as the test writes them:
     of cam01 and cam02 what is seen of them in frame 0, moved by 3 px."""
-    folder = tmp_path_factory.mktemp("silhouettes") / "walk"
-    config = SceneConfig(cameras=4, frames=FRAMES, fps=30, size=(160, 120), seed=4)
-    generate(folder, config, Device.best())
+    folder = Path(shutil.copytree(small_walk, tmp_path_factory.mktemp("silhouettes") / "walk"))
     masks = folder / "truth_masks"
     for name in ("cam01", "cam02"):
         mask = cv2.imread(str(masks / f"{name}_000000.png"), cv2.IMREAD_GRAYSCALE)

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
-from apf.synthetic.generate import generate
-from apf.synthetic.scene import SceneConfig
 from cl import Device
 from psfs.cli import main
 from psfs.diagnostics.reprojection_iou import Checker, volume_region, whole_silhouettes
@@ -17,14 +17,12 @@ from psfs.silhouettes.silhouette import Silhouette
 
 
 @pytest.fixture(scope="module")
-def run(tmp_path_factory: pytest.TempPathFactory) -> ReconstructionFolder:
+def run(small_walk: Path, tmp_path_factory: pytest.TempPathFactory) -> ReconstructionFolder:
     """Four frames of a walk, before a background whose silhouettes learn."""
-    folder = tmp_path_factory.mktemp("check")
-    config = SceneConfig(cameras=4, frames=4, fps=30, size=(160, 120), seed=4)
-    generate(folder / "walk", config, Device.best())
-    command = ["reconstruct", str(folder / "walk"), "-o", str(folder / "out"), "--no-colour"]
+    out = tmp_path_factory.mktemp("check") / "out"
+    command = ["reconstruct", str(small_walk), "-o", str(out), "--no-colour"]
     assert main([*command, "--voxel-size", "0.04"]) == 0
-    return ReconstructionFolder.open(folder / "out")
+    return ReconstructionFolder.open(out)
 
 
 def test_the_silhouettes_are_those_of_the_run(run: ReconstructionFolder, device: Device) -> None:

@@ -130,7 +130,7 @@ def test_the_floor_is_where_rays_meet_it() -> None:
 
 def test_silhouettes_of_a_walk_match_the_truth(device: Device) -> None:
     """Measured with all frames: 0.930 (8 cameras), 0.921 (4)."""
-    folder = shared_data("synth_walk_8cam")
+    folder = shared_data("synth_walk_4cam")
     sequence = Sequence.open(folder)
     grid = VoxelGrid.covering(np.array([-2.5, -1.0, -0.05]), np.array([2.5, 1.2, 1.95]), 0.03)
     frames = list(sequence.frames(slice(37, 41)))
