@@ -43,6 +43,7 @@ from psfs.background.pixel_densities import (
 from psfs.cameras.camera import CameraRig
 from psfs.common.numbers import pick_evenly
 from psfs.common.pictures import scale_picture
+from psfs.common.progress import map_in_threads
 from psfs.footage.media import Media
 
 #: Height of the floor, m.
@@ -128,16 +129,19 @@ def find_covered(
     moving = np.stack(list(pool.map(find_moving_region, frames)))
     moments = list(pool.map(median_moments, frames))
     films = [None] * len(rig) if film is None else [(mean, std) for mean, std in film]
-    rays, results = Rays(rig, moving), []
-    for from_median in (True, False):
+    still = Rays(rig, moving)
+
+    def find(from_median: bool) -> tuple[float, list[Labels]]:
+        rays = still
         if film is not None and not from_median:
             seeds = moving if rays.n_voxels else np.ones_like(moving)
             changes = np.stack(list(pool.map(_find_changes, seeds, moments, films)))
             rays = Rays(rig, changes, _FLOOR)
         learn = partial(PixelDensities, from_median=from_median)
         densities = list(pool.map(learn, frames, rays.regions, moments, films))
-        results.append(_maximise(rays, frames, densities, pool))
-    return max(results, key=lambda result: result[0])[1]
+        return _maximise(rays, frames, densities, pool)
+
+    return max(map_in_threads(find, (True, False)), key=lambda result: result[0])[1]
 
 
 def _find_changes(seeds: np.ndarray, moments: Moments, film: Moments) -> np.ndarray:
