@@ -9,7 +9,7 @@ refused (`checks`).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import combinations
@@ -47,6 +47,7 @@ from psfs.self_calibration.config import PersonConfig
 from psfs.self_calibration.room_edges import find_room_edges
 from psfs.self_calibration.search import (
     N_ANGLES,
+    Arrangement,
     ArrangementSearch,
     Walker,
     compare_pair,
@@ -55,7 +56,8 @@ from psfs.self_calibration.search import (
 from psfs.self_calibration.take import Outlines, PersonTake, check_seen
 from psfs.self_calibration.world import align_to_person, level_rig, measure_path
 
-#: Arrangements from the search that are adjusted, and those of these that are adjusted further.
+#: Arrangements from the search that are adjusted, and those of these that are adjusted further, and
+#: places of one camera that are tried.
 _CANDIDATES, _FINALISTS = 12, 3
 #: Misfit of the worst camera above which rivals are adjusted until they stay, too, px.
 _SURE = 0.7
@@ -138,7 +140,7 @@ def adjust_calibration(
 def _find_rig(take: PersonTake, rate: float, config: PersonConfig, track: Track) -> Adjusted | None:
     """Return the rig that fits best, searched or grown."""
     core = choose_core(take.outlines)
-    ranked = _rank_starts(_search(take, core, config, track), take, core, track)
+    ranked = _rank_starts(_search(take, core, track), take, core, track)
     first = [adjust_frontier(rig, take.points) for rig in ranked]
     found = [rig for rig in first if rig is not None]
     if not found:
@@ -165,13 +167,11 @@ def choose_core(outlines: Outlines) -> list[int]:
     return [int(view) for view in np.argsort(np.negative(whole), kind="stable")[:CORE]]
 
 
-def _search(
-    take: PersonTake, core: Sequence[int], config: PersonConfig, track: Track
-) -> list[tuple[CameraRig, np.ndarray]]:
-    """Return rigs and lags (V,) frames that may be right, the best first."""
+def _search(take: PersonTake, core: Sequence[int], track: Track) -> ArrangementSearch:
+    """Return the search among the costs of the cameras' pairs."""
     hulls, count = take.trace_hulls(), len(take.cameras)
     walkers = [[Walker.create(v, h) for v in own] for own, h in zip(take.views, hulls, strict=True)]
-    angles = 2 * np.pi * np.arange(N_ANGLES) / N_ANGLES
+    angles = _angles(range(N_ANGLES))
     pairs = [
         pair
         for pair in combinations(range(count), 2)
@@ -184,49 +184,48 @@ def _search(
         return np.array(costs)
 
     found = track(map_in_threads(compare, pairs), len(pairs), "pairs of cameras")
-    tables, starts = dict(zip(pairs, found, strict=True)), []
-    for arrangement in ArrangementSearch(tables, count).find(_CANDIDATES):
-        chosen = [own[k] for own, k in zip(take.views, arrangement.variants, strict=True)]
-        turned = angles[list(arrangement.angles)]
-        rig = place_cameras(take.cameras, chosen, turned, arrangement.lags, config.stature)
-        starts.append((rig, take.step * np.array(arrangement.lags, float)))
-    return starts
+    return ArrangementSearch(dict(zip(pairs, found, strict=True)), count)
+
+
+def _angles(steps: Sequence[int]) -> np.ndarray:
+    return 2 * np.pi * np.asarray(steps) / N_ANGLES
 
 
 def _rank_starts(
-    starts: list[tuple[CameraRig, np.ndarray]], take: PersonTake, core: Sequence[int], track: Track
+    search: ArrangementSearch, take: PersonTake, core: Sequence[int], track: Track
 ) -> list[Adjusted]:
-    """Return the start that fits best after adjustment, and the best other one."""
-    views, step = sorted(core), take.step
-    points = take.points.select(views)
+    """Return the rig that fits best after adjustment, and the best other one.
 
-    def adjust(start: Adjusted, rounds: int) -> Adjusted | None:
-        return adjust_extremes(start.rig, start.lags, points, rounds, step)
+    The arrangements that fit best by the core are tried again with one camera elsewhere: the lag of
+    a camera is often found half a stride off, where the others tell it, and the core does not tell
+    where the rest stands.
+    """
+    whole, step = take.points, take.step
 
-    def rank(rigs: Iterable[tuple[Adjusted | None, int]]) -> list[tuple[Adjusted, int]]:
-        known = [(rig, number) for rig, number in rigs if rig is not None]
-        return sorted(known, key=lambda entry: measure_misfit(entry[0], points, step))
+    def adjust(
+        arrangements: Sequence[Arrangement], views: Sequence[int], points: PersonPoints, name: str
+    ) -> list[tuple[Adjusted, Arrangement]]:
+        found = []
+        for own in track(arrangements, len(arrangements), name):
+            chosen = [of[k] for of, k in zip(take.views, own.variants, strict=True)]
+            stature, lags = take.points.config.stature, np.array(own.lags, float)
+            rig = place_cameras(take.cameras, chosen, _angles(own.angles), own.lags, stature)
+            placed = CameraRig(tuple(rig[view] for view in views))
+            adjusted = adjust_extremes(placed, step * lags[[*views]], points, FIRST, step)
+            found += [] if adjusted is None else [(adjusted, own)]
+        found.sort(key=lambda entry: measure_misfit(entry[0], points, step))
+        others = [entry for entry in found[_FINALISTS:] if differ(entry[0], found[0][0])]
+        return found[:_FINALISTS] + others[:1]
 
-    def finish(rigs: Sequence[tuple[Adjusted, int]]) -> list[tuple[Adjusted, int]]:
-        return rank([(adjust(rig, SECOND), number) for rig, number in rigs])
-
-    first = [
-        Adjusted(CameraRig(tuple(rig[view] for view in views)), lags[views], None)
-        for rig, lags in starts
-    ]
-    numbered = track(enumerate(first), len(first), "arrangements")
-    found = rank([(adjust(rig, FIRST), number) for number, rig in numbered])
-    ranked = finish(found[:_FINALISTS])
-    if not ranked:
-        return []
-    best = ranked[0][0]
-    others = finish([entry for entry in found if differ(entry[0], best)][:1])
-    rivals = rank([entry for entry in [*ranked, *others] if differ(entry[0], best)])
-    chosen = [ranked[0], *rivals[:1]]
-    if len(views) == len(take.cameras):
-        return [rig for rig, _ in chosen]
-    whole = [adjust_extremes(*starts[k], take.points, FIRST + SECOND, step) for _, k in chosen]
-    return [rig for rig in whole if rig is not None]
+    views, everyone = sorted(core), range(len(take.cameras))
+    found = adjust(search.find(_CANDIDATES), views, whole.select(views), "arrangements")
+    if found:
+        tried = [*(own for _, own in found), *search.move_one(found[0][1], _FINALISTS)]
+        found = adjust(tried, everyone, whole, "places of one camera")
+    finished = [adjust_extremes(of.rig, of.lags, whole, SECOND, step) for of, _ in found]
+    ranked = [of for of in finished if of is not None]
+    ranked.sort(key=lambda rig: measure_misfit(rig, whole, step))
+    return ranked[:1] + [of for of in ranked if differ(of, ranked[0])][:1]
 
 
 def _make_calibration(

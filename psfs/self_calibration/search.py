@@ -196,6 +196,18 @@ class ArrangementSearch:
             beam = self._keep_different(grown)
         return [self._describe(places) for _, places in beam[:count]]
 
+    def move_one(self, arrangement: Arrangement, count: int) -> list[Arrangement]:
+        """Return the arrangements in which one camera, each in turn, is at up to `count` of the
+        other places where it fits the rest best."""
+        places = dict(enumerate(zip(*vars(arrangement).values(), strict=True)))
+        found = []
+        for view, own in places.items():
+            others = {other: place for other, place in places.items() if other != view}
+            tried = [(0.0, own), *self._best_places(view, others)]
+            kept = self._keep_different([(cost, {**others, view: of}) for cost, of in tried])
+            found += [self._describe(moved) for _, moved in kept[1 : 1 + count]]
+        return found
+
     def _choose_next(self, beam: list[tuple[float, dict[int, Place]]]) -> int:
         """Return the camera whose place is clearest."""
         places = beam[0][1]
