@@ -61,6 +61,11 @@ class Adjusted:
     last: RigCorrections | None
 
 
+def count_whole(outlines: Sequence[Sequence[Outline | None]]) -> list[int]:
+    """Return in how many pictures each camera shows the whole person."""
+    return [sum(of is not None and not of.at_border.any() for of in own) for own in outlines]
+
+
 class PersonPoints:
     """The tangent points of the person's silhouettes [view][frame] of small `cameras`."""
 
@@ -73,7 +78,9 @@ class PersonPoints:
         self.spread = RigSpread(turn=0.1, shift=0.3, focal=0.3 * config.focal, time=5.0)
         self.hulls = [HullRays(c, own) for c, own in zip(cameras, outlines, strict=True)]
         self.contours = [SilhouetteContours(own) for own in outlines]
-        self.shortest = min(len(own) for own in outlines)
+        self.counts = [len(own) for own in outlines]
+        self.shortest = min(self.counts)
+        self.whole = count_whole(outlines)
 
     def select(self, views: Sequence[int]) -> PersonPoints:
         """Return those of some cameras."""

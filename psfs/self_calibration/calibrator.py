@@ -31,6 +31,7 @@ from psfs.self_calibration.adjustment import (
     PersonPoints,
     adjust_extremes,
     adjust_frontier,
+    count_whole,
     differ,
     measure_misfit,
     refine_until_converged,
@@ -163,8 +164,8 @@ def _find_rig(take: PersonTake, rate: float, config: PersonConfig, track: Track)
 def choose_core(outlines: Outlines) -> list[int]:
     """Return the cameras by which arrangements are compared: those that see the whole person in
     most pictures, the best first."""
-    whole = [sum(o is not None and not o.at_border.any() for o in camera) for camera in outlines]
-    return [int(view) for view in np.argsort(np.negative(whole), kind="stable")[:CORE]]
+    order = np.argsort(np.negative(count_whole(outlines)), kind="stable")
+    return [int(view) for view in order[:CORE]]
 
 
 def _search(take: PersonTake, core: Sequence[int], track: Track) -> ArrangementSearch:
@@ -235,7 +236,7 @@ def _make_calibration(
     """Return the calibration in its world. Raises InputError if it cannot be trusted."""
     best, misfits = check_fit(best, points)
     turns, moves = measure_uncertainty(best, points, rate)
-    check_uncertainty(best, turns, moves, points.config)
+    check_uncertainty(best, turns, moves, points)
     touched = points.find_all(best.rig.cameras, np.round(best.lags).astype(int), LAST_GATE)
     rig, levelled = align(best, touched)
     residual, count = (best.last.residual, best.last.count) if best.last else (np.nan, 0)

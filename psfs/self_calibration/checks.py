@@ -3,7 +3,7 @@ arrangement fits as well, and how well the cameras' directions and positions are
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 import scipy
@@ -25,7 +25,6 @@ from psfs.self_calibration.adjustment import (
     measure_turn,
     summarise_pairs,
 )
-from psfs.self_calibration.config import PersonConfig
 from psfs.self_calibration.take import FILM
 
 #: Time after which silhouettes are no longer wrong alike, s: about a step.
@@ -70,23 +69,32 @@ def measure_worst_misfit(adjusted: Adjusted, points: PersonPoints) -> float:
     return float(np.nan_to_num(misfits, nan=np.inf).max())
 
 
+def advise(names: Sequence[str], points: PersonPoints) -> str:
+    """Return what to film, and which camera saw least of it in this take."""
+    seen = [whole / count for whole, count in zip(points.whole, points.counts, strict=True)]
+    least = int(np.argmin(seen))
+    here = f"{names[least]} shows the whole person least, in {points.whole[least]} of "
+    return f"{FILM} (here {here}{points.counts[least]} pictures)" if seen[least] < 1 else FILM
+
+
 def check_fit(best: Adjusted | None, points: PersonPoints) -> tuple[Adjusted, np.ndarray]:
     """Return the rig and the cameras' misfits (V,), px. Raises InputError if no rig was found, if
     a camera shares too little with the others, or if its silhouettes fit worse than any do."""
     if best is None:
         raise InputError(f"no arrangement of the cameras fits the silhouettes; {FILM}")
+    advice = advise(best.rig.names, points)
     misfits = summarise_pairs(measure_pairs(best, points))
     worst = int(np.argmax(misfits))
     if not np.isfinite(misfits[worst]):
         raise InputError(
             f"{best.rig.names[worst]} shares too few pictures of the whole person with two other "
-            f"cameras that do not stand opposite to it; {FILM}"
+            f"cameras that do not stand opposite to it; {advice}"
         )
     if misfits[worst] > LAST_GATE:
         raise InputError(
             f"the silhouettes fit no arrangement of the cameras: those of {best.rig.names[worst]} "
             f"and the other cameras differ by {misfits[worst]:.2f} px, expected at most "
-            f"{LAST_GATE:g}; {FILM}"
+            f"{LAST_GATE:g}; {advice}"
         )
     return best, misfits
 
@@ -132,11 +140,12 @@ def measure_uncertainty(
 
 
 def check_uncertainty(
-    found: Adjusted, turns: np.ndarray, shifts: np.ndarray, config: PersonConfig
+    found: Adjusted, turns: np.ndarray, shifts: np.ndarray, points: PersonPoints
 ) -> None:
     """Raise InputError if the silhouettes do not tell well enough where the cameras stand and look,
     as of somebody who stays in place. The times, which silhouettes tell better, are in the
     message. turns, shifts: see `measure_uncertainty`."""
+    config, names = points.config, found.rig.names
     for what, spreads, limit, unit, factor in (
         ("direction", turns, config.worst_direction, "degrees", np.degrees(1)),
         ("position", shifts, config.worst_position, "% of the distance from the person", 100.0),
@@ -144,8 +153,8 @@ def check_uncertainty(
         worst = int(np.argmax(spreads))
         if not spreads[worst] <= limit:
             raise InputError(
-                f"{found.rig.names[worst]}'s {what} is uncertain "
+                f"{names[worst]}'s {what} is uncertain "
                 f"({factor * spreads[worst]:.2f} {unit}, limit {factor * limit:.2f}), as of "
                 "somebody who stays in place or is hidden: walk about more; the times are found, "
-                f"frames late: {list_lags(found.rig, found.lags)}; {FILM}"
+                f"frames late: {list_lags(found.rig, found.lags)}; {advise(names, points)}"
             )
