@@ -72,12 +72,12 @@ class CalibrateView:
     def _add_controls(self, gui: viser.GuiApi) -> None:
         self._status = gui.add_html("")
         self.time_line = TimeLine(gui, np.arange(len(self.views)), self.views.fps, self._show)
-        self.words: Any = gui.add_html("")
         with gui.add_folder("use known cameras", visible=bool(self._known)) as self._use_folder:
             self.cameras: Any = gui.add_dropdown(
                 "calibration", (_NONE, *self._known), initial_value=_NONE
             )
             self.use_button = gui.add_button("use these cameras", disabled=True)
+        self.words: Any = gui.add_html("")
         with gui.add_folder("calibrate the cameras") as calibrate:
             self.target = TargetFields(gui, self._known, PERSON)
             self.search_button = gui.add_button("look for the target", hint="key: F")
@@ -184,7 +184,7 @@ class CalibrateView:
     def _show_found(self, work: Work) -> None:
         """Show what a calibration has found."""
         kind = "good" if work.succeeded else "warning"
-        self._notes = [classify(line, kind) for line in work.words]
+        self._notes = [classify(line, kind) for line in work.words if not line.startswith("$ ")]
         if work.succeeded:
             file = work.output / CAMERAS
             CameraNodes(self._server.scene, read_calibration(file))

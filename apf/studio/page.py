@@ -42,7 +42,7 @@ _NOTHING, _LIVE = "(choose)", "the cameras, live"
 #: The way from footage to a file, and what to do at each of its steps.
 _STEPS = {
     "Open": "Drop videos onto the page, choose a folder of videos or results, or make a demo walk.",
-    "Calibrate": "Choose what all cameras have filmed, and calibrate; or use known cameras.",
+    "Calibrate": "Choose what all cameras have filmed; calibrate; then use these cameras.",
     "Track": "At the left, raise silhouettes: do they show the person? Then tab Track: track.",
     "Check": "Press play; N goes to the next frame to check. Then tab Save.",
     "Save": "The files are among the browser's downloads.",
@@ -80,6 +80,8 @@ class Page(BrowserPage):
         self._steps: Any = gui.add_html("")
         self._add_open(gui)
         self._line: Any = gui.add_folder("time line", visible=False)  # in sight in every tab
+        with self._line:  # never empty: viser folds such a folder, and unfolds it too low
+            gui.add_html("")
         tabs = gui.add_tab_group()
         self.watching, running = tabs.add_tab("Watch"), tabs.add_tab("Track")
         self._empty: list[Any] = []
@@ -116,12 +118,14 @@ class Page(BrowserPage):
             server, panels = self.server, (self.watching, self.pictures)
             self._line.visible = kind in ("track", "voxels")
             if kind == "track":
-                opened = open_track(
-                    path, self._make_device, self._show_carved, self.run.find_running(path)
-                )
+                running = self.run.find_running(path)
+                opened = open_track(path, self._make_device, self._show_carved, running)
                 self.watch = TrackWatch(server, opened, *panels, self._line)
                 self._offer()
-                self._show_step("Check")
+                if running is None:
+                    self._show_step("Check")
+                else:
+                    self._show_step("Track", "The track so far; tab Track says how far it is.")
             elif kind == "voxels":
                 self.watch = Watch(server, open_voxels(path), *panels, self._line)
             elif kind == "take":
@@ -187,6 +191,7 @@ class Page(BrowserPage):
                 self.say(error)
                 return
             self.close_folder()
+            self._show_empty(False)
             self._open_footage(sequence)
 
     def _choose_in_list(self, path: Path) -> None:
@@ -197,10 +202,10 @@ class Page(BrowserPage):
         self._opened = names[0] if names else _NOTHING
         self._folder.value = self._opened
 
-    def _show_step(self, step: str) -> None:
+    def _show_step(self, step: str, words: str = "") -> None:
         """Show where on the way from footage to a file one is, and what to do next."""
         self.step = step
-        self._steps.content = make_steps(list(_STEPS), step) + make_text(_STEPS[step])
+        self._steps.content = make_steps(list(_STEPS), step) + make_text(words or _STEPS[step])
 
     def _offer(self) -> None:
         """Have the panels offer what can be done with the run that is open, or nothing."""

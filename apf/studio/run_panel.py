@@ -49,6 +49,9 @@ class RunPanel:
         self._slot, self._n_shown = WorkSlot(), 0  # frames of the track so far that are shown
         self._running: RunningTake | None = None  # of the run that was started last
         self._message = gui.add_html(make_text("Open footage to track it."))
+        self.progress: Any = gui.add_progress_bar(0.0, visible=False)
+        self.cancel_button = gui.add_button("cancel", visible=False)
+        self._status = gui.add_html("")
         self.preset = gui.add_dropdown(
             "preset", [_OURS, *PRESETS], initial_value=_OURS, hint="a paper's whole system"
         )
@@ -60,9 +63,6 @@ class RunPanel:
         )
         self.keypoints = gui.add_checkbox("use keypoints", False, visible=False)
         self.start_button = gui.add_button("track", disabled=True, hint="key: T")
-        self.cancel_button = gui.add_button("cancel", visible=False)
-        self.progress: Any = gui.add_progress_bar(0.0, visible=False)
-        self._status = gui.add_html("")
         self.settings = SettingsPanel(gui)
         self.start_button.on_click(lambda event: self.press_track())
         self.cancel_button.on_click(lambda event: self.cancel())
@@ -82,7 +82,8 @@ class RunPanel:
         self._sequence, self._volume = sequence, volume
         self.start_button.disabled = sequence is None or self._slot.busy
         if sequence is None:
-            self._message.content = make_text("Open footage to track it.")
+            idle = "" if self._slot.busy else make_text("Open footage to track it.")
+            self._message.content = idle
             return
         self._message.content = make_text(f"{sequence.folder.name}: {len(sequence)} frames")
         self.keypoints.visible = find_keypoints(sequence.folder) is not None

@@ -45,7 +45,7 @@ class TargetFields:
         self.wand = gui.add_text(
             "wand, m", "0.5", hint="from each marker to the next: 0.5, or 0.2,0.3"
         )
-        self.stature = gui.add_number("height, m", 1.7, min=0.3, max=3.0, step=0.01)
+        self.stature = gui.add_number("person's height, m", 1.7, min=0.3, max=3.0, step=0.01)
         self.intrinsics: Any = gui.add_dropdown(
             "lenses", (_NONE, *lenses), initial_value=_NONE, hint="those of another calibration"
         )

@@ -159,9 +159,10 @@ def write_person_calibration(
     stdout.print(_table(rig, found))
     for text in warnings:
         warn(text, stdout)
-    use = f"--calibration {out / CALIBRATION} --sync {sync}"
-    text = f"{verdict}; wrote {out}; the take's flags: {use}"
-    stdout.print(text)
+    stdout.print(f"{verdict}; wrote {out}")
+    stdout.print(
+        f"$ apf track {request.folder} --calibration {out / CALIBRATION} --sync {sync} -o OUT"
+    )
 
 
 def _summary(

@@ -70,4 +70,5 @@ def make_scale(text: str, colours: Sequence[str]) -> str:
 
 
 def _block(content: str) -> str:
-    return f"<div style='font-size:0.85em;padding:2px 12px;overflow-x:auto'>{content}</div>"
+    style = "font-size:0.85em;padding:2px 12px;overflow-x:auto;overflow-wrap:break-word"
+    return f"<div style='{style}'>{content}</div>"
