@@ -7,7 +7,6 @@ from typing import Any
 
 from apf.timings.measure import cpu_place
 from apf.timings.scene import WholeFrame, make_problem, playing
-from psfs.background.gaussian import Background
 
 
 class Frame:

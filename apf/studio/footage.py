@@ -196,17 +196,17 @@ class FootageView(Watch):
     def _describe(self) -> str:
         info = self.opened.info
         rows: list[tuple[object, ...]] = [
-            (c.name, f"{c.size[0]} x {c.size[1]}", f"{c.distance:.2f}", f"{c.height:.2f}")
-            for c in info.cameras
+            (c.name, f"{c.distance:.2f}", f"{c.height:.2f}") for c in info.cameras
         ]
-        heading: tuple[str, ...] = ("camera", "px", "distance, m", "height, m")
+        sizes = sorted({f"{c.size[0]} x {c.size[1]}" for c in info.cameras})
+        heading: tuple[str, ...] = ("camera", "distance, m", "height, m")
         if self._person:
-            heading += ("whole", "px")
+            heading += ("whole", "person, px")
             seen = [(f"{one.seen * one.whole:.0%}", f"{one.height:.0f}") for one in self._person]
             rows = [(*row, *more) for row, more in zip(rows, seen, strict=True)]
         facts = (
-            f"{self.sequence.folder.name}: {len(self.sequence)} frames at {self.sequence.fps:g} "
-            f"per second; background: {self.sequence.background_kind}"
+            f"{self.sequence.folder.name}: {len(self.sequence)} frames of {' and '.join(sizes)} "
+            f"at {self.sequence.fps:g} per second; background: {self.sequence.background_kind}"
         )
         table = make_table(rows, heading)
         return make_text(facts) + table + make_lines(self._notes)

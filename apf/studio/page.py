@@ -123,7 +123,8 @@ class Page(BrowserPage):
                 self.watch = TrackWatch(server, opened, *panels, self._line)
                 self._offer()
                 if running is None:
-                    self._show_step("Check")
+                    verdict = [f"{line.partition(';')[0]}." for line in opened.quality[:1]]
+                    self._show_step("Check", " ".join([*verdict, _STEPS["Check"]]))
                 else:
                     self._show_step("Track", "The track so far; tab Track says how far it is.")
             elif kind == "voxels":
