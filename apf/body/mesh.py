@@ -13,6 +13,7 @@ from apf.body.kinematics import bone_matrices, posed_cones
 from apf.body.model import BodyModel, Cone
 from cl import InputError
 from psfs.common.cones import cone_distances
+from psfs.common.files import MOST_BYTES
 from psfs.common.npz import Values, read_npz
 from psfs.common.reading import open_input
 
@@ -24,8 +25,8 @@ MAX_BONES = 4
 MAX_PARTS = np.iinfo(np.uint8).max
 #: Vertices around a cone with rounded ends.
 _SEGMENTS = 16
-#: Limits of a user's mesh: bytes of its file, vertices, and distance from the origin, m.
-_MOST_BYTES, _MOST_VERTICES, _FARTHEST = 2**28, 2_000_000, 100.0
+#: Most vertices of a user's mesh, and their greatest distance from the origin, m.
+_MOST_VERTICES, _FARTHEST = 2_000_000, 100.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -216,8 +217,8 @@ def load_mesh(
     import trimesh  # slower to import than the rest of this package
 
     open_input(Path(path), "a mesh that trimesh reads").close()
-    if Path(path).stat().st_size > _MOST_BYTES:
-        raise InputError(f"{path}: more than {_MOST_BYTES // 2**20} MiB; expected a mesh")
+    if Path(path).stat().st_size > MOST_BYTES:
+        raise InputError(f"{path}: more than {MOST_BYTES // 2**20} MiB; expected a mesh")
     try:
         mesh: Any = trimesh.load(path, force="mesh", process=False)
         vertices, faces = np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces)

@@ -329,6 +329,6 @@ def _find_poor_silhouettes(evidence: Evidence) -> list[str]:
         shares = areas / np.maximum(evidence.views.foreground[:, view] * pixels, 1)
         if (areas > 0).mean() < 0.5:
             poor.append(f"{camera.name} often shows no person")
-        elif np.median(shares) < 0.5:
+        elif np.median(shares[areas > 0]) < 0.5:
             poor.append(f"{camera.name}'s are in pieces")
     return poor

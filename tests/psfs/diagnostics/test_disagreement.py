@@ -141,10 +141,10 @@ def test_a_late_camera_is_left_out_and_named(
         summary = json.loads((out / "summary.json").read_text())
         volumes[flag] = summary["frames"][-1]["volume_m3"]
         assert len(summary["sequence"]["cameras"]) == (6 if flag == "--all-cameras" else 5)
-        capsys.readouterr()
-        assert main(["check", str(out)]) == 0
-        assert "camera c2 disagrees" in capsys.readouterr().out
-        assert list(json.loads((out / "check.json").read_text())["disagreeing"]) == ["c2"]
+    capsys.readouterr()
+    assert main(["check", str(out)]) == 0
+    assert "camera c2 disagrees" in capsys.readouterr().out
+    assert list(json.loads((out / "check.json").read_text())["disagreeing"]) == ["c2"]
     assert volumes["--no-colour"] != volumes["--all-cameras"]
 
 
