@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -62,18 +63,21 @@ def _check(request: CheckRequest) -> None:
     comments += [cut] if cut else []
     named = {name for fault in diagnosis.faults if fault.serious for name in fault.cameras}
     if not comments:
-        comments = low_agreement(names, found, named)
+        comments = low_agreement(sequence.folder, names, found, named)
     _report(run, names, found, bad, comments, clouds)
 
 
-def low_agreement(names: list[str], scores: np.ndarray, named: Collection[str]) -> list[str]:
-    """Return texts that name the cameras with low scores (frames, V), except those `named`
-    already."""
+def low_agreement(
+    folder: Path, names: list[str], scores: np.ndarray, named: Collection[str]
+) -> list[str]:
+    """Return texts that name the cameras of a folder with low scores (frames, V), except those
+    `named` already."""
     means = np.ma.masked_invalid(scores).mean(axis=0).filled(np.nan)
     low = [n for n, mean in zip(names, means, strict=True) if mean < _LOW and n not in named]
     return [
         f"camera {name}: its silhouettes and the voxels agree little; they lack parts of the "
-        "person, or hold what the others do not see; look: psfs silhouettes FOLDER -o SIL"
+        "person, or hold what the others do not see; look: "
+        f"psfs silhouettes {folder} -o silhouettes"
         for name in low
     ]
 

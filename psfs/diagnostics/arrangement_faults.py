@@ -299,7 +299,7 @@ def _explain_outlier(evidence: Evidence, view: int) -> str:
             )
     return (
         "it was moved, its video is of another take or another person, or its silhouettes are "
-        f"wrong; look: psfs silhouettes {evidence.sequence.folder} -o SIL"
+        f"wrong; look: psfs silhouettes {evidence.sequence.folder} -o silhouettes"
     )
 
 
