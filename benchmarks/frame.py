@@ -12,7 +12,7 @@ from apf.timings.scene import WholeFrame, make_problem, playing
 class Frame:
     """From pictures to voxels and pose: 8 cameras of 640 x 480, 2.25 million voxels."""
 
-    timeout = 300
+    timeout = 900
     warmup_time = 0.0
     number = processes = 1
     repeat = (3, 20, 10.0)
