@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 pytest.importorskip("viser", reason="viser is not installed")
 
@@ -173,10 +174,11 @@ def test_page_tracks_corrects_and_takes_home(page: Page, take: Path) -> None:
     watch.time_line.seek(1)
     track = watch.opened.track
     assert track is not None
-    wrist = track.joint_names.index("l_wrist")
+    wrist, shoulder = map(track.joint_names.index, ("l_wrist", "l_shoulder"))
     page.correct.joint.value = "left wrist"
     page.correct.toggle_handle()
-    goal = track.joints[1, wrist] + (0.06, 0.0, 0.06)
+    arm = track.joints[1, wrist] - track.joints[1, shoulder]  # may be straight: it is swung
+    goal = track.joints[1, shoulder] + Rotation.from_rotvec([0, 0.15, 0]).apply(arm)
     page.correct.move_handle(goal)
     shown = np.asarray(watch.bodies[track_name(page)].joints.points)[wrist]
     assert np.linalg.norm(shown - goal) < 0.02  # the limb follows the handle
