@@ -63,7 +63,7 @@ _SOLE, FLOOR = 0.005, 0.1
 #: Distances, m, at which a ray counts a quarter, from the first step to the last.
 REACHES = np.geomspace(0.08, 0.03, 7)
 #: Frames that a thread works on at a time.
-_TOGETHER = 8
+_TOGETHER = 16
 #: Number of steps of poses whose body is known.
 _STEPS = 6
 #: Share of a pose's own normal matrix added to its diagonal (Levenberg 1944).
