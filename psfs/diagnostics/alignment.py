@@ -42,8 +42,8 @@ _SOUND = 0.45
 #: Least correction, as a share of the picture's longer side: exact rigs seem off by 1.4 of 640 px,
 #: for silhouettes lose hair and gain shadows.
 _LEAST_MOVED = 1.6 / 640
-#: Share to which the residuals of held-out frames must shrink, and in the small pictures.
-_SHARE, _COARSE_SHARE = 0.5, 0.75
+#: Share to which the residuals of held-out frames must shrink.
+_SHARE = 0.5
 #: Length of the stretches that are alternately fitted and held out, frames.
 _BLOCK = 10
 #: Distances up to which points are matched, one per matching, px.
@@ -78,24 +78,21 @@ class Alignment:
             f"{self.before:.2f}, in pictures of {self.side} px"
         )
 
-    def is_accepted(self, share: float = _SHARE) -> bool:
-        """Return whether the rig was measurably off, and at most this share of the held-out
+    def is_accepted(self) -> bool:
+        """Return whether the rig was measurably off, and at most a `_SHARE` of the held-out
         residuals is left."""
         size = max(self.rig.width, self.rig.height)
         moved = float(np.sqrt(np.mean(self.moved**2)))
-        return bool(self.after <= share * self.before and moved >= _LEAST_MOVED * size)
+        return bool(self.after <= _SHARE * self.before and moved >= _LEAST_MOVED * size)
 
 
 def correct_rig(session: Session, views: SmallViews) -> Alignment | None:
     """Return the corrected rig of a session; None if the rig fits as it is or cannot be judged.
 
-    views: small pictures of these cameras or more. Coarse to fine: only if they show that the rig
-    is off, the correction is estimated from larger ones.
+    views: small pictures of these cameras or more. Unless they show that the rig is sound, the
+    correction is estimated from larger ones.
     """
-    if len(session.rig) < 3:
-        return None
-    coarse = align_views(session.rig, views, _SOUND)
-    if coarse is None or not coarse.is_accepted(_COARSE_SHARE):
+    if len(session.rig) < 3 or RigFit.of_views(session.rig, views).measure() <= _SOUND:
         return None
     found = align_views(session.rig, larger_views(session))
     return found if found is not None and found.is_accepted() else None
@@ -106,16 +103,9 @@ def larger_views(session: Session) -> SmallViews:
     return small_views(session.sequence, session.device, LARGE_SIDE)
 
 
-def align_views(rig: CameraRig, views: SmallViews, sound: float = 0.0) -> Alignment | None:
-    """Return the alignment of a rig, whose cameras `views` show; None if it cannot be judged, or if
-    its residuals, px, are less than `sound`."""
-    columns = [views.rig.names.index(name) for name in rig.names]
-    small = CameraRig(tuple(views.rig[column] for column in columns))
-    outlines = [[row[column] for column in columns] for row in views.outlines]
-    hidden = shrink_hidden(rig, small)
-    if hidden is not None:
-        outlines = mark_hidden_points(outlines, hidden)
-    return estimate_alignment(rig, small, outlines, sound)
+def align_views(rig: CameraRig, views: SmallViews) -> Alignment | None:
+    """Return the alignment of a rig, whose cameras `views` show; None if it cannot be judged."""
+    return RigFit.of_views(rig, views).align(rig)
 
 
 def shrink_hidden(rig: CameraRig, small: CameraRig) -> list[np.ndarray] | None:
@@ -130,56 +120,68 @@ def shrink_hidden(rig: CameraRig, small: CameraRig) -> list[np.ndarray] | None:
     ]
 
 
-def estimate_alignment(
-    rig: CameraRig,
-    small: CameraRig,
-    outlines: list[list[Outline | None]],
-    sound: float = 0.0,
-) -> Alignment | None:
-    """Return the rig under which the outlines [frame][view] fit best; None if they cannot be
-    compared, or if their residuals, px, are less than `sound`. `small` is the same rig scaled to
-    the outlines' pictures, of F frames."""
-    if len(rig) < 3:
-        return None
-    contours = [SilhouetteContours([row[v] for row in outlines]) for v in range(len(rig))]
-    scene = intersect_axes_ahead(small)
-    fitted = (np.arange(len(outlines)) // _BLOCK) % 2 == 0
+class RigFit:
+    """The fit of a `small` rig to the outlines [frame][view] of F frames in its pictures."""
 
-    def find(
-        cameras: Sequence[Camera], gate: float, late: np.ndarray,
+    def __init__(self, small: CameraRig, outlines: list[list[Outline | None]]) -> None:
+        self.small, self.outlines = small, outlines
+        self._contours = [
+            SilhouetteContours([row[view] for row in outlines]) for view in range(len(small))
+        ]
+        self._scene = intersect_axes_ahead(small)
+        self._fitted = (np.arange(len(outlines)) // _BLOCK) % 2 == 0
+
+    @classmethod
+    def of_views(cls, rig: CameraRig, views: SmallViews) -> RigFit:
+        """Return that of a rig whose cameras `views` show, where furniture does not hide them."""
+        columns = [views.rig.names.index(name) for name in rig.names]
+        small = CameraRig(tuple(views.rig[column] for column in columns))
+        outlines = [[row[column] for column in columns] for row in views.outlines]
+        hidden = shrink_hidden(rig, small)
+        return cls(small, outlines if hidden is None else mark_hidden_points(outlines, hidden))
+
+    def measure(self, values: np.ndarray | None = None) -> float:
+        """Return the median residual, px, of steady tips in the held-out frames, after corrections
+        by values (V, N_PARAMETERS); infinite if there are none."""
+        if values is None:
+            values = np.zeros((len(self.small), N_PARAMETERS))
+        cameras = correct_cameras(self.small, values)
+        points = self._find(cameras, _GATES[-1], values[:, 7], ~self._fitted, 0.5 * BEND)
+        residuals, _ = epipolar_residuals(cameras, points, values[:, 7])
+        return float(np.median(np.abs(residuals))) if len(points) else float("inf")
+
+    def align(self, rig: CameraRig) -> Alignment | None:
+        """Return the rig, of which this is the small one, under which the outlines fit best; None
+        if they cannot be compared, as those of two cameras."""
+        small, outlines = self.small, self.outlines
+        if len(small) < 3:
+            return None
+        before = self.measure()
+        last = fit_rig(small, _GATES, partial(self._find, frames=self._fitted), _SPREAD)
+        if last is None or np.isinf(before):
+            return None
+        after = self.measure(last.values)
+        hulls = [HullRays(camera, [row[v] for row in outlines]) for v, camera in enumerate(small)]
+        views = LimbViews.create(hulls, self._contours)
+        for _ in range(_LAST):
+            limbs = views.find_points(last.apply(small).cameras, -last.offsets)
+            further = [limbs.bind(np.zeros(len(small)))]
+            corrections = fit_rig(small, _GATES[-1:], self._find, _SPREAD, last.values, further)
+            if corrections is None or np.isinf(after):
+                return None
+            last, before_last = corrections, last
+            if np.abs(last.offsets - before_last.offsets).max() < _SETTLED:
+                break
+        corrected = last.apply(rig)
+        side = max(small.width, small.height)
+        return Alignment(corrected, last, before, after, _measure_motion(rig, corrected), side)
+
+    def _find(
+        self, cameras: Sequence[Camera], gate: float, late: np.ndarray,
         frames: np.ndarray | None = None, bend: float = BEND,
     ) -> FrontierPoints:  # fmt: skip
-        points = find_frontier_points(cameras, contours, scene, gate, late, bend)
+        points = find_frontier_points(cameras, self._contours, self._scene, gate, late, bend)
         return points if frames is None else points.select(frames[points.frames])
-
-    def measure(values: np.ndarray) -> float:
-        """Return the median residual, px, in the held-out frames, of steady tips."""
-        cameras = correct_cameras(small, values)
-        points = find(cameras, _GATES[-1], values[:, 7], ~fitted, 0.5 * BEND)
-        residuals, _ = epipolar_residuals(cameras, points, values[:, 7])
-        return float(np.median(np.abs(residuals))) if len(points) else float("nan")
-
-    before = measure(np.zeros((len(rig), N_PARAMETERS)))
-    if not before > sound:
-        return None
-    last = fit_rig(small, _GATES, partial(find, frames=fitted), _SPREAD)
-    if last is None:
-        return None
-    after = measure(last.values)
-    hulls = [HullRays(camera, [row[v] for row in outlines]) for v, camera in enumerate(small)]
-    views = LimbViews.create(hulls, contours)
-    for _ in range(_LAST):
-        limbs = views.find_points(last.apply(small).cameras, -last.offsets)
-        further = [limbs.bind(np.zeros(len(small)))]
-        corrections = fit_rig(small, _GATES[-1:], find, _SPREAD, last.values, further)
-        if corrections is None or not np.isfinite(after):
-            return None
-        last, before_last = corrections, last
-        if np.abs(last.offsets - before_last.offsets).max() < _SETTLED:
-            break
-    corrected = last.apply(rig)
-    side = max(small.width, small.height)
-    return Alignment(corrected, last, before, after, _measure_motion(rig, corrected), side)
 
 
 def _measure_motion(before: CameraRig, after: CameraRig) -> np.ndarray:

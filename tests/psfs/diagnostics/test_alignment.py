@@ -10,7 +10,7 @@ import pytest
 from helpers import scenes
 
 from psfs.cameras.camera import CameraRig
-from psfs.diagnostics.alignment import estimate_alignment, mark_hidden_points
+from psfs.diagnostics.alignment import RigFit, mark_hidden_points
 from psfs.diagnostics.frontier import (
     FrontierPoints,
     epipolar_residuals,
@@ -84,7 +84,7 @@ def test_a_rig_that_is_off_is_corrected_and_its_times_found(
     outlines: list[list[Outline | None]],
 ) -> None:
     rig = off(EXACT, 0.5)
-    found = estimate_alignment(rig, rig, outlines)
+    found = RigFit(rig, outlines).align(rig)
     assert found is not None and found.is_accepted()
     # What is left is a motion of the whole scene, which silhouettes cannot tell.
     assert pixels_apart(found.rig, EXACT) < 0.5 * pixels_apart(rig, EXACT)
@@ -96,18 +96,17 @@ def test_a_rig_that_is_off_is_corrected_and_its_times_found(
 
 
 def test_an_exact_rig_stays(outlines: list[list[Outline | None]]) -> None:
-    found = estimate_alignment(EXACT, EXACT, outlines)
+    found = RigFit(EXACT, outlines).align(EXACT)
     assert found is not None and not found.is_accepted()
     assert pixels_apart(found.rig, EXACT) < 0.5
-    assert estimate_alignment(EXACT, EXACT, outlines, sound=10.0) is None
 
 
 def test_nothing_is_said_of_two_cameras_or_of_nobody(
     outlines: list[list[Outline | None]],
 ) -> None:
     two = EXACT.subset(EXACT.names[:2])
-    assert estimate_alignment(two, two, [row[:2] for row in outlines]) is None
-    assert estimate_alignment(EXACT, EXACT, [[None] * len(EXACT)] * 40) is None
+    assert RigFit(two, [row[:2] for row in outlines]).align(two) is None
+    assert RigFit(EXACT, [[None] * len(EXACT)] * 40).align(EXACT) is None
 
 
 def test_residuals_and_their_derivatives() -> None:
