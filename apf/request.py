@@ -32,7 +32,7 @@ from apf.tracking.config import (
 )
 from cl import InputError
 from psfs import request as of_psfs
-from psfs.common.config import Config, field_choices, part
+from psfs.common.config import Config, SettingError, field_choices, part
 from psfs.common.requests import (
     Flag,
     Group,
@@ -114,11 +114,12 @@ def _method_part(more: str = "", one_way: bool = False) -> Part:
         "method": Flag(
             "; ".join(f"{search.name}: {search.meaning}" for search in SEARCHES.values())
             + f"{more} (default: apf)",
-            "METHOD", group=SEARCH,
+            "METHOD", group=SEARCH, choices=(*SEARCHES, *([TRIANGULATE] if one_way else ())),
         ),
         "objective": Flag(
             f"{', '.join(OBJECTIVES)}: the voxels' likelihood, or functions of image features, "
             "which need no reconstruction (default: voxel)", "OBJECTIVE", group=SEARCH,
+            choices=tuple(OBJECTIVES),
         ),
         "likelihood": Flag(
             f"terms of the voxels' likelihood out of {', '.join(TERMS)}, each with its weight if "
@@ -143,12 +144,18 @@ def shape_settings(values: Mapping[str, Any]) -> dict[str, Any]:
     """Return the settings of an ObjectiveConfig that --shape sets. Raises InputError if another
     flag applies only to a mesh and --shape names none."""
     shape = values.get("shape")
-    if shape is not None and not shape.isdigit():
+    try:
+        settings = {} if shape is None else {"vertices_per_part": int(shape), "mesh_file": ""}
+    except ValueError:
         return {"mesh_file": shape}
     for name, flag in (("mesh_weights", "--shape-weights"), ("mesh_pose", "--shape-pose")):
         if values.get(name) is not None:
             raise InputError(f"{flag} applies only to a mesh; expected --shape FILE with it")
-    return {} if shape is None else {"vertices_per_part": int(shape), "mesh_file": ""}
+    try:
+        ObjectiveConfig.from_dict(settings)
+    except SettingError as error:
+        raise InputError(f"--shape{error.problem}") from None
+    return settings
 
 
 #: The folder of results; and that of a track, or its file.

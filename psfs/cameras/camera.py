@@ -25,6 +25,8 @@ CAMERA_FLOATS = 32
 BLOCK = 16_384
 #: Shortest focal length, px; a smaller number must be in another unit.
 _MIN_FOCAL_LENGTH_PX = 0.1
+#: How many coefficients leave no doubt which they are: OpenCV's numbers, or the radial ones alone.
+_COEFFICIENTS = (1, 2, 4, 5, 8, 12, 14)
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,6 +58,11 @@ class Camera:
         most, names = (
             (4, "k1 k2 k3 k4 of a fisheye lens") if self.fisheye else (5, "k1 k2 p1 p2 k3")
         )
+        if given.any() and given.size not in _COEFFICIENTS:
+            raise InputError(
+                f"camera {self.name}: {given.size} distortion coefficients; "
+                f"expected {most} ({names}), with 0 for those that the lens lacks"
+            )
         if np.any(given[most:]):
             raise InputError(
                 f"camera {self.name}: {given.size} distortion coefficients; "

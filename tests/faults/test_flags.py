@@ -46,7 +46,11 @@ COMMANDS: dict[str, tuple[list[str], dict[str, tuple[str, ...]]]] = {
             "--seeds": ("0", "-1", "1.5", "100000"),
             "--fps": ("0", "-1", "1e-300"),
             "--trunk-layers": ("-1",),
+            **dict.fromkeys(("--method", "--objective", "--background"), ("", "magic")),
         },
+    ),
+    "track pictures": (
+        ["apf", "track", "seq", "-o", "new", "--objective", "sp"], {"--shape": ("3", "5", "9")}
     ),
     "smooth": (
         ["apf", "smooth", "track", "-o", "new"],
@@ -80,7 +84,8 @@ def test_numbers(original: Path, command: str) -> None:
     for number, (flag, values) in enumerate(flags.items()):
         for value in (*NUMBERS[: 2 if number else None], *values):  # all of them for one flag
             try:
-                refused([*placed(original, words), f"{flag}={value}"], original)
+                said = "" if flag == "--shape" and value in NUMBERS else flag[2:]  # may be a file
+                refused([*placed(original, words), f"{flag}={value}"], original, said)
             except AssertionError as error:
                 raise AssertionError(f"{flag}={value}: {error}") from None
 
@@ -107,8 +112,6 @@ def placed(stock: Path, words: list[str]) -> list[str]:
         ["psfs", "mesh", "out", "-o", "x.png"],
         ["psfs", "view", "out", "--png", "x.nonsense"],
         ["apf", "track", "seq", "seq", "-o", "new"],
-        ["apf", "track", "seq", "-o", "new", "--method", "magic"],
-        ["apf", "track", "seq", "-o", "new", "--objective", "magic"],
         ["apf", "track", "seq", "-o", "new", "--likelihood", "edge=nan"],
         ["apf", "track", "seq", "-o", "new", "--body", "nobody"],
         ["apf", "track", "seq", "-o", "new", "--init", "nowhere.txt"],

@@ -36,6 +36,10 @@ NUMBERS: dict[str, Any] = {
     "a long name": ("name", "x" * 300, "300 characters"),
     "the name of another": ("name", "cam01", "names must differ"),
     "fisheye": ("fisheye", 3, "fisheye"),
+    **{
+        f"{n} distortions": ("distortions", [0.01] * n, f"cam02: {n} distortion coefficients; ex")
+        for n in (3, 6, 7, 8)
+    },
 }
 
 

@@ -58,7 +58,7 @@ class Layout:
     """Where a program's records have what.
 
     program: its name; cameras are sorted by their names, without one they stay as in the file. K:
-    fx fy cx cy, or a matrix. distortion: keys whose numbers follow each other: k1 k2 p1 p2 k3.
+    fx fy cx cy, or a matrix. distortion: the key of k1 k2 p1 p2 k3, or those of k1 k2 k3 and p1 p2.
     R and t, or pose, a matrix of 3x4 or 4x4. size: one key with width and height, or two. unit: of
     lengths. by_columns: whether matrices are stored by columns. pose_of: what the pose maps: the
     world to the camera, back, or the camera before to this one. opengl: whether the camera's axes
@@ -230,7 +230,8 @@ def _make_camera(
         raise InputError(f"{what}: {key} is {record.get(key)!r}; expected {lenses}")
     bent = bool(key) and record.get(key) in fisheye
     (kappa,) = parse_array(record.get(layout.kappa, 0.0), 1, f"{what}: {layout.kappa}")
-    distortion = np.concatenate(parts)
+    radial, *tangential = parts
+    distortion = np.concatenate([radial[:2], *tangential, radial[2:]])
     return Camera(name, K, distortion, *pose, size, kappa=float(kappa), fisheye=bent)
 
 
