@@ -19,7 +19,6 @@ from dataclasses import dataclass, replace
 from functools import partial
 from importlib import import_module
 from pathlib import Path
-from types import FrameType
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from cl import InputError, UserError
@@ -29,6 +28,7 @@ from psfs.common.ranges import escape_unprintable
 from psfs.common.system import (
     handle_signals,
     import_nothing_from_current_folder,
+    interrupt,
     versions,
 )
 
@@ -37,8 +37,8 @@ if TYPE_CHECKING:
 
 DONE, MENDABLE, UNEXPECTED, INTERRUPTED = 0, 2, 70, 130
 _LONGEST_LINE = 800
-#: Signals that are handled like Ctrl-C: finished work is kept.
-_ENDING = ("SIGTERM", "SIGHUP")
+#: Signals after which finished work is kept.
+_ENDING = ("SIGINT", "SIGTERM", "SIGHUP")
 #: The shells that shtab writes completions for.
 _SHELLS = ("bash", "zsh", "tcsh", "fish", "powershell")
 #: Values that begin with a minus, as in `--up -z` and `--volume -1,1,...`: argparse takes them for
@@ -440,9 +440,6 @@ def _interrupt_on_signals() -> Iterator[None]:
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-
-    def interrupt(number: int, frame: FrameType | None) -> None:
-        raise KeyboardInterrupt
 
     with handle_signals(interrupt, _ENDING):
         yield

@@ -11,6 +11,8 @@ import sys
 import threading
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import contextmanager
+from functools import partial
+from types import FrameType
 from typing import IO, TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -23,6 +25,8 @@ PATIENCE = 60.0
 KEPT_BYTES = 2**28
 #: Where Windows locks a byte: beyond what is written, since it keeps others from reading it.
 _LOCKED_BYTE = 2**30
+#: After which an import that a signal met is looked at again, s.
+_IMPORT_TIME = 0.05
 #: Of glibc's malloc.h.
 _TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3
 
@@ -92,14 +96,30 @@ def pin_to_cores(cores: Sequence[int]) -> None:
 
 @contextmanager
 def handle_signals(handler: Callable[[int, Any], Any], names: Iterable[str]) -> Iterator[None]:
-    """Have the signals of these names, as many as the system has, call `handler` inside. In the
-    main thread only."""
-    before = {number: signal.signal(number, handler) for number in _signals(names)}
+    """Have the signals of these names, as many as the system has, call `handler` inside, but for
+    those that this process was started to ignore, as by nohup. In the main thread only."""
+    heard = [n for n in _signals(names) if signal.getsignal(n) is not signal.SIG_IGN]
+    before = {number: signal.signal(number, handler) for number in heard}
     try:
         yield
     finally:
         for number, usual in before.items():
             signal.signal(number, usual)
+
+
+def interrupt(number: int, frame: FrameType | None) -> None:
+    """Handle a signal: raise KeyboardInterrupt; during an import later, since what is imported by
+    half fails when it is imported again for what is still to be written."""
+    while frame is not None and not frame.f_code.co_filename.startswith("<frozen importlib"):
+        frame = frame.f_back
+    if frame is None:
+        raise KeyboardInterrupt
+    again: Callable[[int], object] = signal.raise_signal
+    if hasattr(signal, "pthread_kill"):  # which ends what the main thread waits for
+        again = partial(signal.pthread_kill, threading.get_ident())
+    later = threading.Timer(_IMPORT_TIME, again, [number])
+    later.daemon = True
+    later.start()
 
 
 @contextmanager

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import importlib
 import json
 import os
 import signal
@@ -28,6 +29,7 @@ from apf.takes.results import Keeper
 from apf.tracking.track import PARTS, Track
 from cl import pocl_wheel
 from cl.listing import device_info, working_devices
+from psfs.cli.program import DONE, INTERRUPTED, exit_code
 from psfs.common.outputs import find_unfinished_command
 from psfs.voxels.clouds import read_cloud
 
@@ -181,6 +183,8 @@ def test_signals(stock: Path, name: str, monkeypatch: pytest.MonkeyPatch) -> Non
     """What is done is kept, in one line, with exit code 130."""
     import psfs.cli.reconstruct as module
 
+    if signal.getsignal(getattr(signal, name)) is signal.SIG_IGN:
+        pytest.skip("the tests were started to ignore it, as by nohup")
     write = module.write_cloud
 
     def signalled(cloud: Any, stem: Path, normals: bool) -> None:
@@ -198,6 +202,28 @@ def test_signals(stock: Path, name: str, monkeypatch: pytest.MonkeyPatch) -> Non
     assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
     warned = run(["psfs", "view", str(stock / "new"), "--png", str(stock / "x.png")])
     assert warned.code == 0 and "did not finish" in warned.err
+
+
+def test_a_signal_during_an_import(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The module is imported wholly before the work ends: half of SciPy's fails ever after."""
+    send = f"import os, time\nos.kill(os.getpid(), {int(signal.SIGTERM)})\ntime.sleep(0.5)\n"
+    (tmp_path / "imported_late.py").write_text(f"{send}whole = True")
+    monkeypatch.syspath_prepend(tmp_path)
+    found = []
+
+    def work() -> None:
+        found.append(importlib.import_module("imported_late").whole)
+        time.sleep(60)
+
+    assert exit_code("apf", work) == INTERRUPTED and found == [True]
+
+
+def test_what_is_ignored_stays_so() -> None:
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        assert exit_code("apf", lambda: os.kill(os.getpid(), signal.SIGHUP)) == DONE
+    finally:
+        signal.signal(signal.SIGHUP, before)
 
 
 def test_an_interrupt_on_the_way_back(stock: Path, monkeypatch: pytest.MonkeyPatch) -> None:
