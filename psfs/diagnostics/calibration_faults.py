@@ -54,13 +54,13 @@ def find_rig_faults(rig: CameraRig) -> list[Fault]:
 
 
 def _describe_lens(camera: Camera) -> str:
-    """Return why a camera's focal length cannot be, or its distortion, which leaves no ray for the
+    """Return why a camera's matrix cannot be, or its distortion, which leaves no ray for the
     middle of the picture's nearest side or moves it by a factor; empty for one that can."""
     focal, width, height = float(camera.K[0, 0]), *camera.size
-    if not 1 / _DISTORTED <= float(camera.K[1, 1]) / focal <= _DISTORTED:
+    if not np.linalg.cond(camera.K[:2, :2]) <= _DISTORTED:
         return (
-            f"focal lengths of {focal:.3g} and {camera.K[1, 1]:.3g} px; expected about the same "
-            "along both sides"
+            f"focal lengths of {focal:.3g} and {camera.K[1, 1]:.3g} px, a skew of "
+            f"{camera.K[0, 1]:.3g} px; expected about the same along both sides, and no skew"
         )
     if not _FOCAL[0] <= focal / max(camera.size) <= _FOCAL[1]:
         return (

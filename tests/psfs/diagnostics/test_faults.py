@@ -290,9 +290,11 @@ def test_lenses_that_form_no_picture() -> None:
     ):
         cameras = (replace(whole[0], distortion=distortion), *list(whole)[1:])
         assert [fault.kind for fault in find_rig_faults(CameraRig(cameras))] == expected
-    strips = whole[0].K * np.array([[1.0], [10.0], [1.0]])
-    (fault,) = find_rig_faults(CameraRig((replace(whole[0], K=strips), *list(whole)[1:])))
-    assert fault.kind == "calibration" and "about the same along both sides" in str(fault)
+    strips, skewed = whole[0].K * np.array([[1.0], [10.0], [1.0]]), whole[0].K.copy()
+    skewed[0, 1] = 1e5
+    for K in (strips, skewed):
+        (fault,) = find_rig_faults(CameraRig((replace(whole[0], K=K), *list(whole)[1:])))
+        assert fault.kind == "calibration" and "about the same along both sides" in str(fault)
 
 
 def test_a_calibration_of_camera_to_world(tmp_path: Path, masks: np.ndarray) -> None:
