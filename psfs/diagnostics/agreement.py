@@ -100,7 +100,10 @@ class HullAgreement:
 
     def _make_space(self, low: np.ndarray, high: np.ndarray) -> CoarseSpace:
         grid = VoxelGrid.covering(low, high, float(np.cbrt(np.prod(high - low) / _VOXELS)))
-        return CoarseSpace(self.rig, grid, min_cameras=1)
+        space = CoarseSpace(self.rig, grid, min_cameras=1)
+        if self.rig.hidden is not None:
+            space.pixels[look_up(self.rig.hidden, space.pixels)] = -1
+        return space
 
     def _find_common(self, views: np.ndarray) -> np.ndarray:
         """Return the voxels (N,) bool that in a frame all cameras but one show."""

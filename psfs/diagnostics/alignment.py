@@ -10,10 +10,9 @@ half of the frames and judged by the other half.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 
-import cv2
 import numpy as np
 
 from psfs.cameras.camera import Camera, CameraRig
@@ -34,7 +33,14 @@ from psfs.diagnostics.refinement import (
     correct_cameras,
     fit_rig,
 )
-from psfs.diagnostics.small_views import LARGE_SIDE, Outline, SmallViews, small_views
+from psfs.diagnostics.small_views import (
+    LARGE_SIDE,
+    Outline,
+    SmallViews,
+    mark_hidden_points,
+    shrink_hidden,
+    small_views,
+)
 from psfs.session import Session
 
 #: Residual in small pictures below which a rig counts as sound, px: exact rigs have up to 0.36.
@@ -108,18 +114,6 @@ def align_views(rig: CameraRig, views: SmallViews) -> Alignment | None:
     return RigFit.of_views(rig, views).align(rig)
 
 
-def shrink_hidden(rig: CameraRig, small: CameraRig) -> list[np.ndarray] | None:
-    """Return the hidden pixels (h, w) uint8 of each camera of `rig` in the pictures of `small`;
-    None if there are none."""
-    if rig.hidden is None:
-        return None
-    pairs = zip(rig.hidden, rig, small, strict=True)  # those of smaller cameras are padded
-    return [
-        cv2.resize(own[: camera.size[1], : camera.size[0]].view(np.uint8), other.size)
-        for own, camera, other in pairs
-    ]
-
-
 class RigFit:
     """The fit of a `small` rig to the outlines [frame][view] of F frames in its pictures."""
 
@@ -191,25 +185,3 @@ def _measure_motion(before: CameraRig, after: CameraRig) -> np.ndarray:
     pairs = zip(before, after, strict=True)
     moves = [np.linalg.norm(a.project(points)[0] - b.project(points)[0], axis=1) for a, b in pairs]
     return np.array([np.median(own) for own in moves])
-
-
-def mark_hidden_points(
-    outlines: list[list[Outline | None]], hidden: list[np.ndarray], near: int = 4
-) -> list[list[Outline | None]]:
-    """Return the outlines [frame][view] with the points within `near` px of hidden pixels marked as
-    points on the picture's border, since the person goes on behind furniture. The hidden pixels of
-    each view are (h, w) uint8."""
-    square = np.ones((2 * near + 1,) * 2, np.uint8)
-    wide = [cv2.dilate(own, square) > 0 for own in hidden]
-
-    def cut(outline: Outline | None, where: np.ndarray) -> Outline | None:
-        if outline is None:
-            return None
-        (x, y), (u, v) = outline.points.astype(int).T, outline.contour.astype(int).T
-        return replace(
-            outline,
-            at_border=outline.at_border | where[y, x],
-            contour_at_border=outline.contour_at_border | where[v, u],
-        )
-
-    return [[cut(*of) for of in zip(row, wide, strict=True)] for row in outlines]

@@ -167,6 +167,12 @@ def examine(session: Session, all_cameras: bool = False) -> Examination:
     """
     session = synchronise(session)
     diagnosis = diagnose(session)
+    if diagnosis.of_all is not None and diagnosis.of_all.kind not in _OF_ALL:
+        # Furniture, or small errors of the rig, may be why the cameras do not agree.
+        corrected = _correct_rig(session, diagnosis)
+        again = diagnose(corrected)
+        if again.of_all is None:
+            session, diagnosis = corrected, again
     if diagnosis.of_all is not None:
         return Examination(session, diagnosis)
     left_out = diagnosis.left_out

@@ -13,7 +13,12 @@ import scipy
 from psfs.cameras.camera import CameraRig
 from psfs.common.numbers import FALSE_ALARMS
 from psfs.diagnostics.agreement import HullAgreement
-from psfs.diagnostics.small_views import Outline, SmallViews
+from psfs.diagnostics.small_views import (
+    Outline,
+    SmallViews,
+    mark_hidden_points,
+    shrink_hidden,
+)
 from psfs.diagnostics.tangency import PairSums, Tangency
 from psfs.footage.camera_times import CameraTimes
 from psfs.sequence import Sequence
@@ -82,7 +87,8 @@ class Evidence:
         """Differences between the cameras' extreme planes."""
         gone = set(range(len(self.names))) - set(self.sound)
         rows = [[None if v in gone else o for v, o in enumerate(r)] for r in self.views.outlines]
-        return Tangency(self.rig, rows)
+        hidden = shrink_hidden(self.sequence.rig, self.rig)
+        return Tangency(self.rig, rows if hidden is None else mark_hidden_points(rows, hidden))
 
     @cached_property
     def agreement(self) -> HullAgreement:

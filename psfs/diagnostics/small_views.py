@@ -183,6 +183,40 @@ def extract_outline(mask: np.ndarray, least: int = 40) -> Outline | None:
     return Outline(corners, borders[0], int(areas.max()), points, borders[1])
 
 
+def shrink_hidden(rig: CameraRig, small: CameraRig) -> list[np.ndarray] | None:
+    """Return the hidden pixels (h, w) uint8 of each camera of `rig` in the pictures of `small`;
+    None if there are none."""
+    if rig.hidden is None:
+        return None
+    pairs = zip(rig.hidden, rig, small, strict=True)  # those of smaller cameras are padded
+    return [
+        cv2.resize(own[: camera.size[1], : camera.size[0]].view(np.uint8), other.size)
+        for own, camera, other in pairs
+    ]
+
+
+def mark_hidden_points(
+    outlines: list[list[Outline | None]], hidden: list[np.ndarray], near: int = 4
+) -> list[list[Outline | None]]:
+    """Return the outlines [frame][view] with the points within `near` px of hidden pixels marked as
+    points on the picture's border, since the person goes on behind furniture. The hidden pixels of
+    each view are (h, w) uint8."""
+    square = np.ones((2 * near + 1,) * 2, np.uint8)
+    wide = [cv2.dilate(own, square) > 0 for own in hidden]
+
+    def cut(outline: Outline | None, where: np.ndarray) -> Outline | None:
+        if outline is None:
+            return None
+        (x, y), (u, v) = outline.points.astype(int).T, outline.contour.astype(int).T
+        return replace(
+            outline,
+            at_border=outline.at_border | where[y, x],
+            contour_at_border=outline.contour_at_border | where[v, u],
+        )
+
+    return [[cut(*of) for of in zip(row, wide, strict=True)] for row in outlines]
+
+
 def find_border_points(points: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
     """Return which points (N, 2) px are at the border of a picture of `shape`."""
     last = np.array(shape[::-1]) - 2

@@ -10,13 +10,13 @@ import pytest
 from helpers import scenes
 
 from psfs.cameras.camera import CameraRig
-from psfs.diagnostics.alignment import RigFit, mark_hidden_points
+from psfs.diagnostics.alignment import RigFit
 from psfs.diagnostics.frontier import (
     FrontierPoints,
     epipolar_residuals,
 )
 from psfs.diagnostics.refinement import correct_camera, measure_scene_motion
-from psfs.diagnostics.small_views import Outline, extract_outline
+from psfs.diagnostics.small_views import Outline, extract_outline, mark_hidden_points
 
 EXACT = scenes.ring(5, (640, 480), 4.0)
 OFFSETS = np.array([0.4, -0.3, 0.0, 0.2, -0.3])
