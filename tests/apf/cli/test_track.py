@@ -138,7 +138,7 @@ def test_a_body_of_frusta_and_a_mesh_of_the_person(
     assert [look["vertices_per_part"] for look in looks] == [4, 18]
     capsys.readouterr()
     for flags, message in (
-        (["--shape", "5"], "vertices_per_part is 5; expected 4, 8"),
+        (["--shape", "5"], "--shape is 5; expected 4, 8"),
         (["--shape", "no.ply"], "no.ply: no such file; expected a mesh"),
         (
             ["--shape-pose", "rest.txt"],
