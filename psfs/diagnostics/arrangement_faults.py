@@ -234,7 +234,7 @@ def find_disagreeing(evidence: Evidence) -> Iterator[Fault]:
     strange = beside if math.isnan(misfit) else 0.5 * (beside + misfit)
     poor = _find_poor_silhouettes(evidence)
     if len(rows) and (2 * len(poor) > len(views) or significant(strange, _STRANGE)):
-        yield _explain_disagreement(evidence, poor, float(np.mean(beside)), misfit)
+        yield _explain_disagreement(evidence, poor, float(np.mean(beside)), float(np.mean(strange)))
 
 
 def find_outlier(agreement: CameraAgreement) -> tuple[int, np.ndarray]:
@@ -304,15 +304,15 @@ def _explain_outlier(evidence: Evidence, view: int) -> str:
 
 
 def _explain_disagreement(
-    evidence: Evidence, poor: list[str], beside: float, misfit: float
+    evidence: Evidence, poor: list[str], beside: float, strange: float
 ) -> Fault:
     if poor:
         text = f"the cameras do not agree, and silhouettes are poor: {join_names(poor)}"
     else:
         text = (
             f"the cameras do not agree: {beside:.0%} of their silhouettes lie outside the others' "
-            f"hull, and their edges miss each other by {misfit:.0%} of the most that counts, "
-            f"expected less than {_STRANGE:.0%} in the mean, though each looks sound: the "
+            f"hull, {strange:.0%} in the mean with the misfit of their edges, expected less than "
+            f"{_STRANGE:.0%}, though each looks sound: the "
             "calibration is not of these pictures, or they are not of one time"
         )
     text = f"{text}; look at them: psfs info {evidence.sequence.folder} --masks FILE.png"

@@ -167,6 +167,7 @@ def examine(session: Session, all_cameras: bool = False) -> Examination:
     """
     session = synchronise(session)
     diagnosis = diagnose(session)
+    agreed = diagnosis.of_all is None
     if diagnosis.of_all is not None and diagnosis.of_all.kind not in _OF_ALL:
         # Furniture, or small errors of the rig, may be why the cameras do not agree.
         corrected = _correct_rig(session, diagnosis)
@@ -182,7 +183,9 @@ def examine(session: Session, all_cameras: bool = False) -> Examination:
     if gone:
         kept = [name for name in session.rig.names if name not in gone]
         session = session.with_sequence(session.sequence.with_cameras(kept))
-    return Examination(_correct_rig(session, diagnosis), diagnosis, left_out)
+    if agreed:
+        session = _correct_rig(session, diagnosis)
+    return Examination(session, diagnosis, left_out)
 
 
 def _correct_rig(session: Session, diagnosis: Diagnosis) -> Session:
