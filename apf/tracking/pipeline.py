@@ -125,8 +125,8 @@ def _sweep(people: Items[_Person], backward: bool) -> KeyboardInterrupt | UserEr
     sought = [person for person in people if person.begin(backward)]
     ended: KeyboardInterrupt | UserError | None = None
     try:
-        for index, seen in _observe_people(sought):
-            for person, observation in zip(sought, seen, strict=True):
+        for index, observed in _observe_people(sought):
+            for person, observation in zip(sought, observed, strict=True):
                 if index in person.frames:
                     person.step(index, observation)
     except (KeyboardInterrupt, UserError) as error:
@@ -230,8 +230,8 @@ class _Person:
         with self._pool:
             pixels = [each.result() for each in self._outlines.values()]
         if self.run.outlines is not None:
-            found = find_outlines(self.run.session.rig, pixels)
-            self.run.outlines.update(zip(self._outlines, found, strict=True))
+            outlines = find_outlines(self.run.session.rig, pixels)
+            self.run.outlines.update(zip(self._outlines, outlines, strict=True))
 
     def join(self, error: BaseException | None) -> Tracked:
         """Return the tracks of all chunks."""
@@ -259,21 +259,22 @@ def _observe_people(people: Items[_Person]) -> Iterator[tuple[int, list[Observat
     step = people[0].frames.step
     first, last = (min(ends), max(ends) + 1) if step > 0 else (max(ends), min(ends) - 1)
     frames = range(first, last, step)
-    seen: Iterator[tuple[int, Items[Shown]]]
+    divided: Iterator[tuple[int, Items[Shown]]]
     if isinstance(session, PersonSession) and task.method.uses_voxels:
         everybody = observe_frames(session.joint.begin(), session.sequence.frames(_slice(frames)))
-        seen = ((index, session.joint.divide(index)) for index, _ in everybody)
+        divided = ((index, session.joint.divide(index)) for index, _ in everybody)
     else:
-        seen = ((index, [None] * len(people)) for index in frames)
-    for index, parts in seen:
-        found = list[Observation]()
+        divided = ((index, [None] * len(people)) for index in frames)
+    for index, parts in divided:
+        observed = list[Observation]()
         for person in people:
-            own = person.run.session
-            shown = parts[own.number] if isinstance(own, PersonSession) else None
-            if shown is not None:
-                own.record_carved(index, cast("Voxels | HostVoxels", shown))
-            found.append(_add_keypoints(person.run.task, index, shown))
-        yield index, found
+            part, divided_session = None, person.run.session
+            if isinstance(divided_session, PersonSession):
+                part = parts[divided_session.number]
+            if part is not None:
+                divided_session.record_carved(index, cast("Voxels | HostVoxels", part))
+            observed.append(_add_keypoints(person.run.task, index, part))
+        yield index, observed
 
 
 def _add_keypoints(task: TrackingTask, index: int, shown: Shown) -> Observation:
@@ -291,9 +292,9 @@ def observations(
     keypoints. Frames that the session is asked to keep are kept while they are carved."""
     frames = session.frames if frames is None else frames
     method = task.method
-    seen: Iterator[tuple[int, Shown]]
+    observed: Iterator[tuple[int, Shown]]
     if method.objective == "keypoints":
-        seen = ((index, None) for index in frames)
+        observed = ((index, None) for index in frames)
     else:
         observe: Callable[[Frame], Shown]
         if method.uses_voxels:
@@ -301,17 +302,17 @@ def observations(
         else:
             silhouette = session.reconstruction.silhouette
             observe = make_feature_observer(session.device, session, method.features, silhouette)
-        seen = observe_frames(observe, session.sequence.frames(_slice(frames)))
+        observed = observe_frames(observe, session.sequence.frames(_slice(frames)))
         if method.uses_voxels and task.tracked is None:
-            seen = _keep_in_session(session, seen)
-    return ((index, _add_keypoints(task, index, shown)) for index, shown in seen)
+            observed = _keep_in_session(session, observed)
+    return ((index, _add_keypoints(task, index, shown)) for index, shown in observed)
 
 
 def _keep_in_session(
-    session: Session, seen: Iterable[tuple[int, Shown]]
+    session: Session, observed: Iterable[tuple[int, Shown]]
 ) -> Iterator[tuple[int, Shown]]:
-    """Yield the items of `seen`, after the session has kept those that it is asked to keep."""
-    for index, voxels in seen:
+    """Yield the items of `observed`, after the session has kept those that it is asked to keep."""
+    for index, voxels in observed:
         session.record_carved(index, cast("Voxels | HostVoxels", voxels))
         yield index, voxels
 
