@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any, Protocol
 
 import numpy as np
@@ -16,11 +16,8 @@ from cl.profile import Profile
 
 
 class Commands(Protocol):
-    """The part of a `Device` that its arrays and launches use.
+    """The part of a `Device` that its arrays and launches use."""
 
-    collected: the commands that are collected, see `Device.collect`; None if they are enqueued."""
-
-    collected: list[Callable[[], None]] | None
     queue: Any
     raw_queue: ctypes.c_void_p
     context: Any
@@ -60,7 +57,7 @@ class Array:
     @property
     def buffer(self) -> Any:
         """The buffer that a kernel takes: of an array within another buffer a sub-buffer, which is
-        made when it is first asked for. Launches of several objects at once take `whole`."""
+        made when it is first asked for."""
         if self._buffer is None:
             self._buffer = self.whole.get_sub_region(self.start, max(1, self.nbytes))
         return self._buffer

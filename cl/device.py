@@ -7,7 +7,7 @@ import ctypes
 import logging
 import math
 import weakref
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any
@@ -18,7 +18,7 @@ import pyopencl
 
 from cl.array import Array
 from cl.errors import DeviceError, raise_device_errors
-from cl.launch import Kernel, Launch, Step
+from cl.launch import Kernel, Launch
 from cl.listing import (
     DeviceInfo,
     device_info,
@@ -38,17 +38,6 @@ class NumpyDevice:
     """The NumPy twins as a device, so that `numpy` can be chosen like any other."""
 
     name: str = "numpy"
-
-
-@dataclass(frozen=True)
-class Fill:
-    """A fill of an array, done when called."""
-
-    array: Array
-    value: float
-
-    def __call__(self) -> None:
-        self.array.fill(self.value)
 
 
 @dataclass
@@ -118,7 +107,6 @@ class Device:
     profiler: Profile | None = field(init=False, default=None)
 
     def __post_init__(self) -> None:
-        self.collected: list[Step] | None = None
         self.info = device_info(self.handle)
         try:
             self.programs = shared_programs(self.handle)
@@ -131,8 +119,6 @@ class Device:
         # Bytes; shared by siblings, as a list is. Threads change it without a lock: CPython
         # switches them at calls and jumps, of which `+=` on an item of a list has none.
         self._allocated = [0]
-        self._allocate: Callable[[int], tuple[Any, int]] | None = None
-        self.n_sharing = 1
 
     @classmethod
     def best(cls, profile: bool = False) -> Device:
@@ -143,9 +129,7 @@ class Device:
 
     @property
     def queue(self) -> Any:
-        """The queue that everything is enqueued on, after what is collected, see `collect`."""
-        if self.collected:
-            self._enqueue_collected(self.collected)
+        """The queue that everything is enqueued on."""
         return self._queue
 
     @queue.setter
@@ -190,39 +174,6 @@ class Device:
             self.queue = own
             queue.flush()
 
-    @contextmanager
-    def collect(
-        self, n: int = 1, allocate: Callable[[int], tuple[Any, int]] | None = None
-    ) -> Iterator[list[Step]]:
-        """Collect the launches and fills of the `with` block instead of enqueuing them; yield the
-        list of them. If the block enqueues something else, those before it are enqueued first, and
-        leave the list.
-
-        n: how many objects the launches that the block makes will serve at once, as `n_sharing`
-        says in it. `allocate(nbytes)` returns the buffer that an array lies in, and where in it."""
-        commands: list[Step] = []
-        self.collected, self.n_sharing, self._allocate = commands, n, allocate
-        try:
-            yield commands
-        finally:
-            self.collected, self.n_sharing, self._allocate = None, 1, None
-
-    def enqueue(self, steps: Sequence[Step]) -> None:
-        """Enqueue launches and other steps in their order."""
-        if self.collected is not None:
-            self.collected.extend(steps)
-            return
-        for step in steps:
-            step()
-
-    def _enqueue_collected(self, commands: list[Step]) -> None:
-        self.collected = None
-        try:
-            self.enqueue(commands)
-        finally:
-            commands.clear()
-            self.collected = commands
-
     @property
     def name(self) -> str:
         """The driver's name of the device."""
@@ -244,20 +195,15 @@ class Device:
         nbytes = max(1, math.prod(shape) * np.dtype(dtype).itemsize)
         self.require_memory(nbytes, what)
         try:
-            allocate = self._allocate
-            whole, start = allocate(nbytes) if allocate else (self.new_buffer(nbytes), 0)
+            whole = pyopencl.Buffer(self.context, pyopencl.mem_flags.READ_WRITE, nbytes)
         except pyopencl.Error as error:
             raise DeviceError(
                 f"{self.name} could not allocate {_megabytes(nbytes)} for {what}: {error}"
             ) from error
-        array = Array(self, whole, shape, dtype, start)
+        array = Array(self, whole, shape, dtype)
         self._allocated[0] += nbytes
         weakref.finalize(array, self._release, nbytes)
         return array
-
-    def new_buffer(self, nbytes: int) -> Any:
-        """Return uninitialised memory, which no array accounts for."""
-        return pyopencl.Buffer(self.context, pyopencl.mem_flags.READ_WRITE, nbytes)
 
     def zeros(
         self, shape: int | Sequence[int], dtype: npt.DTypeLike, what: str = "an array"
@@ -269,9 +215,6 @@ class Device:
 
     def fill(self, array: Array, value: float) -> None:
         """Set every element of `array` to `value`, on the device."""
-        if self.collected is not None:
-            self.collected.append(Fill(array, value))
-            return
         if not array.nbytes:
             return
         pattern = np.array(value, array.dtype)

@@ -56,15 +56,12 @@ Step: TypeAlias = Callable[[], None]
 class Kernel:
     """Kernel of a built program and its parameters; holds no arguments itself.
 
-    parameters: by name, in the order of the prototype. text: source and the compiler's options that
-    the program was built from. Raises DeviceError if the program has no kernel of that name, or one
-    with other parameters than were read from `file`.
+    parameters: by name, in the order of the prototype. Raises DeviceError if the program has no
+    kernel of that name, or one with other parameters than were read from `file`.
     """
 
-    def __init__(
-        self, program: Any, name: str, file: str, signatures: Signatures, text: tuple[str, str]
-    ) -> None:
-        self.name, self.file, self.text = name, file, text
+    def __init__(self, program: Any, name: str, file: str, signatures: Signatures) -> None:
+        self.name, self.file = name, file
         if name not in signatures:
             found = ", ".join(signatures) or "none at all"
             raise DeviceError(f"{file} has no kernel {name}; found: {found}")
@@ -102,7 +99,7 @@ class Launch:
     event.
 
     name: label of its timings, by default the kernel's name. arguments: current values by name:
-    arrays, numbers, None. on_change: what is called, with their names, after they are set.
+    arrays, numbers, None.
     """
 
     def __init__(
@@ -121,14 +118,13 @@ class Launch:
         if missing:
             raise TypeError(f"{kernel}: missing {', '.join(missing)}")
         self.kernel = kernel
-        # Made and bound when it is first enqueued, which launches that are joined never are.
+        # Made and bound when it is first enqueued.
         self._bound: Any = None
         self._sizes: tuple[Any, ...] = ()
         self._unbound: dict[str, Any] = {}  # arguments that are not bound yet
         self._structs = _empty_structs(kernel.parameters.values())
         # Keeps arrays alive as long as the kernel refers to them.
         self.arguments: dict[str, Argument] = {}
-        self.on_change: list[Callable[[Iterable[str]], None]] = []
         self.set(**arguments)
 
     def set(self, **arguments: Argument) -> None:
@@ -156,14 +152,9 @@ class Launch:
                 self._unbound[parameter.struct] = struct
             else:
                 self._unbound[name] = converted
-        for call in self.on_change:
-            call(arguments)
 
     def __call__(self) -> None:
         device, profiler = self.device, self.device.profiler
-        if device.collected is not None:
-            device.collected.append(self)
-            return
         if self._unbound or self._bound is None:
             self._bind()
         raw = _ENQUEUE if profiler is None else None

@@ -100,8 +100,7 @@ class Programs:
             named = (*key, name)
             if named not in self._kernels:
                 program = self._programs[key]
-                found = signatures(source, file)
-                self._kernels[named] = Kernel(program, name, file, found, (source, options))
+                self._kernels[named] = Kernel(program, name, file, signatures(source, file))
             return self._kernels[named]
 
 

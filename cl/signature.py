@@ -31,7 +31,7 @@ _SCALARS = {
 }
 _COMMENT = re.compile(r"/\*.*?\*/|//[^\n]*", re.DOTALL)
 #: A kernel's prototype: its name and parameters.
-KERNEL = re.compile(r"\b(?:__)?kernel\b[^;{}]*?\bvoid\s+(\w+)\s*\(([^()]*)\)\s*\{")
+_KERNEL = re.compile(r"\b(?:__)?kernel\b[^;{}]*?\bvoid\s+(\w+)\s*\(([^()]*)\)\s*\{")
 _QUALIFIER = re.compile(r"\b(?:const|restrict|volatile)\b")
 _PARAMETER = re.compile(r"(?:(?:__)?(global|constant|local)\s+)?(\w+)(\s*\*\s*|\s+)(\w+)")
 _VECTOR = re.compile(r"([a-z]+?)(2|3|4|8|16)?")
@@ -61,11 +61,6 @@ class Parameter:
     def argument(self) -> str:
         """The name of the argument of the kernel that this is, or is a part of."""
         return self.struct or self.name
-
-    @property
-    def reference(self) -> str:
-        """The expression by which the kernel reads it."""
-        return f"{self.struct}.{self.name}" if self.struct else self.name
 
     def convert(self, value: Argument) -> Any:
         """Return `value` as pyopencl takes it, arrays as they are. Raises TypeError or ValueError,
@@ -115,11 +110,6 @@ class Parameter:
 Signatures = dict[str, tuple[Parameter, ...]]
 
 
-def without_comments(source: str) -> str:
-    """Return a program's text without its comments."""
-    return _COMMENT.sub("", source)
-
-
 @cache
 def signatures(source: str, file: str) -> Signatures:
     """Return the parameters of every kernel in `source`, in the order of its prototype.
@@ -128,10 +118,10 @@ def signatures(source: str, file: str) -> Signatures:
     DeviceError, naming `file`, for a parameter that is more than qualifiers, a type and a name: no
     macros, no arrays.
     """
-    text = without_comments(source)
+    text = _COMMENT.sub("", source)
     structs = {name: fields for fields, name in _STRUCT.findall(text)}
     found: Signatures = {}
-    for name, inside in KERNEL.findall(text):
+    for name, inside in _KERNEL.findall(text):
         parameters: list[Parameter] = []
         for each in filter(str.strip, inside.split(",")):
             parameter = _parameter(each, name, file)

@@ -162,7 +162,6 @@ class Ahead:
     def __init__(
         self, device: Device, shapes: Sequence[tuple[tuple[int, ...], npt.DTypeLike]], what: str
     ) -> None:
-        self._device = device
         if not device.is_gpu:
             self.read = self.written = [device.zeros(*each, what) for each in shapes]
             return
@@ -183,7 +182,7 @@ class Ahead:
         """Enqueue the copy from `written` to `read`, in order with other commands of the queue."""
         if self.read is self.written:
             return
-        self._device.enqueue([self._copy])
+        self._copy()
 
 
 def allocate_pinned(

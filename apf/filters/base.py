@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
-from functools import cache, partial
+from functools import cache
 from itertools import pairwise
 from typing import Any
 
@@ -25,7 +25,6 @@ from apf.likelihood.observations import (
 )
 from apf.scene import Scene
 from cl import Array, InputError, Launch, Step
-from cl.batch import Batch
 from cl.staging import Download
 
 
@@ -197,7 +196,8 @@ class DeviceTracker(Tracker):
     def enqueue_search(self, queue: Any = None) -> None:
         """Enqueue the launches of the search, the first half of `search_runs`. queue: the queue
         that is enqueued on, if that is not the device's own."""
-        self.device.enqueue(self._layers[self._n_frames % 2])
+        for step in self._layers[self._n_frames % 2]:
+            step()
         self._n_frames += 1
         if queue is not None:
             self._streaming = queue
@@ -269,23 +269,18 @@ class DeviceTracker(Tracker):
 
 
 def begin_searches(
-    trackers: Sequence[DeviceTracker],
-    shows: Sequence[Step],
-    queue: Any,
-    finish: Sequence[Step] = (),
-    batch: Batch | None = None,
+    trackers: Sequence[DeviceTracker], shows: Sequence[Step], queue: Any
 ) -> list[Callable[[], list[Estimate]]]:
     """Enqueue on `queue` the searches of the trackers of one device in the frame that each one's
-    `likelihood.prepare` prepared and `shows` show, and then each one's step of `finish`; return,
-    for each tracker, a function that waits for its search and returns each run's estimate. batch:
-    that of the trackers, which joins their launches."""
+    `likelihood.prepare` prepared and `shows` show; return, for each tracker, a function that waits
+    for its search and returns each run's estimate."""
     device = trackers[0].device
-    batch = batch or Batch(device, 1)
     with device.enqueue_on(queue) as own:
-        batch.run(shows)
+        for show in shows:
+            show()
         device.make_wait(own)  # the next observations overwrite these
-        batch.run([partial(tracker.enqueue_search, queue) for tracker in trackers])
-        batch.run(finish)
+        for tracker in trackers:
+            tracker.enqueue_search(queue)
         return [tracker.fetch_estimates() for tracker in trackers]
 
 

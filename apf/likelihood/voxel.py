@@ -20,7 +20,7 @@ from apf.scene import Scene
 from cl import Array, InputError, Kernel, Launch
 from cl.signature import Argument
 from cl.staging import Ahead
-from cl.workgroups import GROUP, WIDE_GROUP, pack_defines, pack_size
+from cl.workgroups import WIDE_GROUP, pack_defines, pack_size
 from psfs.cameras.camera import CameraRig
 from psfs.common.cones import CONE_FLOATS
 from psfs.voxels.device_voxels import CarvedVoxels
@@ -319,10 +319,7 @@ class VoxelLikelihood(Likelihood):
 
         Raises InputError if the body is too large even for one.
         """
-        # Where launches of several people are joined, the kernel needs 78 registers instead of 64,
-        # so that a multiprocessor of an H100 has room for four groups of 256, but for one of 512.
-        group = WIDE_GROUP if self.device.n_sharing == 1 else GROUP
-        defines = body_defines(body) | pack_defines(self.device, group)
+        defines = body_defines(body) | pack_defines(self.device, WIDE_GROUP)
         if not self.rig.distorted:
             defines["NO_DISTORTION"] = 1
         defines |= {"OUTLINE_FLOATS": _OUTLINE_FLOATS, **self.rig.defines}

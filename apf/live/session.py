@@ -8,7 +8,6 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
-from functools import partial
 
 import numpy as np
 
@@ -22,7 +21,6 @@ from apf.live.sources import ACQUISITION, Newest, Shot, Smaller, Source
 from apf.live.timeline import Timeline
 from apf.scene import Scene
 from cl import Device, InputError
-from cl.batch import Batch
 from psfs.common.system import PATIENCE
 from psfs.people.separation import with_hidden_maps
 from psfs.voxels.grid import VoxelGrid
@@ -197,19 +195,10 @@ class Live:
         self.source, device = source, self.device
         pictures = Smaller(source, self.scale)
         rig = with_hidden_maps(pictures.rig) if len(start.people) > 1 else pictures.rig
-        self._batch = Batch(device, len(start.people))
-        self.persons = self._batch.run(
-            [
-                partial(
-                    LivePerson,
-                    Scene(device, rig, start.grid, body),
-                    pose,
-                    self._searches,
-                    self._config,
-                )
-                for body, pose in start.people
-            ]
-        )
+        self.persons = [
+            LivePerson(Scene(device, rig, start.grid, body), pose, self._searches, self._config)
+            for body, pose in start.people
+        ]
         self.observe = self._observer(pictures, start.grid)
         self._shots = Newest[Shot](lambda shot: self.timeline.drop(PROCESSING, shot.frame.index))
         self._ready = Newest[ObservedFrame](
@@ -356,16 +345,15 @@ class Live:
     def search(self) -> list[Estimate]:
         """Enqueue all searches; then wait for them and return their estimates."""
         trackers = [person.tracker for person in self.persons]
-        self._batch.run([tracker.enqueue_search for tracker in trackers])
+        for tracker in trackers:
+            tracker.enqueue_search()
         searches = [tracker.fetch_estimates() for tracker in trackers]
         return [search()[0] for search in searches]
 
     def _observe_people(self, seen: Sequence[Seen]) -> None:
         """Enqueue the likelihood's preparation of what each person's tracker observes."""
-        pairs = zip(self.persons, seen, strict=True)
-        self._batch.run(
-            [partial(person.tracker.observe, observation) for person, (observation, _) in pairs]
-        )
+        for person, (observation, _) in zip(self.persons, seen, strict=True):
+            person.tracker.observe(observation)
 
     def keep(self, observed: ObservedFrame, estimates: list[Estimate], latency: float) -> None:
         """Add each person's estimate to the result, see `LivePerson.keep`."""

@@ -3,16 +3,15 @@ each person's voxels."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
 
 from cl import Array, Device, InputError
-from cl.batch import Parts
 from cl.workgroups import pack_defines, size_defines
 from psfs.background.config import UNKNOWN, EvidenceConfig
 from psfs.cameras.camera import CameraRig
-from psfs.sequence import Frame
 from psfs.voxels.bricks import Bricks
 from psfs.voxels.config import ReconstructionConfig
 from psfs.voxels.device_voxels import CarvedVoxels, Voxels
@@ -64,14 +63,14 @@ class Division:
         if colours is not None:
             self.bands = device.zeros((n_people, n_spheres), np.uint8)
             table = device.to_device(weigh_colours(colours).astype(np.float32), "people's colours")
-        maps = Parts(device, n_people, voxels.evidence.shape, np.int8)
-
-        def pictures(_: Frame | None) -> Array | None:
-            return voxels.pictures()
+        shape, align = voxels.evidence.shape, max(1, device.handle.mem_base_addr_align // 8)
+        step = -(-math.prod(shape) // align) * align
+        maps = device.zeros((n_people * step,), np.int8, "the maps of several people")
 
         self.persons: list[Voxels] = []
         self._carve: list[SparseSurface] = []
-        for grid, part in zip(grids, maps.arrays, strict=True):
+        for person, grid in enumerate(grids):
+            part = maps.region(person * step, shape, np.int8)
             surface = SparseSurface(
                 Bricks(device, rig, grid, part, evidence.step, config.occupancy)
             )
@@ -104,8 +103,8 @@ class Division:
                 picture=rig.picture, n_spheres=n_spheres,
                 model=_pack_model(evidence, table is not None),
                 precision=0.5 / SURFACE_STD**2, reach=REACH**2, before=SURFACE_STD,
-                step=maps.step, spheres=self.spheres, evidence=voxels.evidence,
-                parts=maps.whole, pictures=None, bands=self.bands, colours=table, **images,
+                step=step, spheres=self.spheres, evidence=voxels.evidence,
+                parts=maps, pictures=None, bands=self.bands, colours=table, **images,
             )  # fmt: skip
 
     def __call__(self, person: int | None = None) -> list[Voxels]:

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from apf.body.cones import body_spheres, overlap_errors, project_outlines
+from apf.body.cones import overlap_errors, project_outlines
 from apf.body.kinematics import bone_matrices, posed_cones
 from apf.body.model import BodyModel
 from apf.likelihood.config import LikelihoodConfig
@@ -210,15 +210,6 @@ class NumpyVoxelLikelihood(NumpyLikelihood):
         seen = FrameEvidence(self._maps, self.points)
         errors = total_errors(self.rig, cones, seen, self._sampling, (), config)
         return float(errors[0]) / len(self.rig)
-
-
-def expect_spheres(
-    body: BodyModel, newest: np.ndarray, before: np.ndarray, ahead: float
-) -> np.ndarray:
-    """Return spheres (K, 4), centres and radii, m, along the cones of `body` in the pose `newest`
-    (D,), moved `ahead` times as they moved since the pose `before` (D,)."""
-    here, there = body_spheres(body, newest), body_spheres(body, before)
-    return here + ahead * (here - there)
 
 
 def uncrop(part: np.ndarray, corner: tuple[int, int], shape: tuple[int, int]) -> np.ndarray:

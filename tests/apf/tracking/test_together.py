@@ -1,4 +1,4 @@
-"""Several people on one reconstruction: their expected places, and their tracks."""
+"""Tracks of several people on one reconstruction."""
 
 from __future__ import annotations
 
@@ -7,42 +7,18 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 from helpers import scenes
-from helpers.kinds import Unoptimised
 from helpers.worlds import World
 
 from apf.backend import make_device_tracker
-from apf.body.cones import count_spheres
 from apf.body.kinematics import posed_cones, posed_joints
-from apf.body.toml import load_body
 from apf.filters.method import Method
-from apf.reference.likelihood.voxel import expect_spheres
-from apf.tracking.together import SLOTS, ExpectedBodies, PeopleTracker
+from apf.tracking.together import PeopleTracker
 from cl import Device, InputError
 from psfs.cameras.footprints import voxel_footprints
 from psfs.common.cones import cone_distances
 from psfs.reconstructor import Reconstructor
 from psfs.voxels.device_voxels import Voxels
 from psfs.voxels.host_voxels import voxel_silhouette
-
-
-@pytest.mark.parity("tracking/people.expect_spheres")
-def test_expected_places_equal_the_twin(device: Device) -> None:
-    body, random = load_body("song31"), np.random.default_rng(0)
-    spheres = device.zeros((2, count_spheres(body), 4), np.float32)
-    places = ExpectedBodies(device, [body, body], spheres)
-    poses = body.rest_pose + 0.1 * random.normal(size=(2, 4, body.n_dof))
-    for person in range(2):
-        places.start(person, poses[person, 0])
-        for frame in range(1, 4):
-            given = device.to_device(poses[person, frame].astype(np.float32))
-            places.pose_launches(device, person, given)[frame % SLOTS]()
-    places.expect(3, 2)
-    expected = [expect_spheres(body, own[3], own[2], 2) for own in poses]
-    np.testing.assert_allclose(spheres.get(), expected, atol=2e-5)
-    places.start(1, poses[1, 0])  # at rest from now on
-    places.expect(3, 2)
-    at_rest = expect_spheres(body, poses[1, 0], poses[1, 0], 2)
-    np.testing.assert_allclose(spheres.get()[1], at_rest, atol=2e-5)
 
 
 class Film:
@@ -71,26 +47,17 @@ class Film:
         return self.carve(scenes.frame(index=frame, masks=masks))
 
 
-def test_joined_launches_track_everybody_as_single_ones_do(
-    device: Device, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    if not device.is_gpu:  # CPUs join none
-        programs = Unoptimised(device.programs, "batch_member")
-        monkeypatch.setattr(device, "programs", programs)
-    film, method = Film(World(device), (0.0, 0.3)), Method.create(n_particles=37, n_layers=2)
+def test_a_stream_tracks_everybody_of_a_size_of_their_own(device: Device) -> None:
+    film, method = Film(World(device), (-0.35, 0.35)), Method.create(n_particles=37, n_layers=2)
     body = film.world.body
     bodies = [body, body.scaled(dict.fromkeys(body.scale_groups, 1.12))]
-    found = []
-    for joins in (True, False):
-        people = PeopleTracker(
-            device, film.world.rig, film.carve.voxels, bodies, method, joins=joins
-        )
-        people.start([film.pose(person, 0) for person in (0, 1)])
-        streamed = people.stream(film.voxels(frame) for frame in range(1, 3))
-        found.append([[estimate.pose for estimate in estimates] for estimates in streamed])
-        if joins:
-            assert people.n_joined > 50
-    np.testing.assert_array_equal(*found)
+    people = PeopleTracker(device, film.world.rig, film.carve.voxels, bodies, method)
+    people.start([film.pose(person, 0) for person in (0, 1)])
+    for estimates in people.stream(film.voxels(frame) for frame in range(1, 4)):
+        assert [estimate.body for estimate in estimates] == bodies
+    for person, estimate in enumerate(estimates):
+        joints = posed_joints(estimate.body, np.stack([estimate.pose, film.pose(person, 3)]))
+        assert np.linalg.norm(joints[0] - joints[1], axis=-1).mean() < 0.15
 
 
 def test_one_person_is_tracked_as_alone_and_one_of_two_takes_nothing_of_the_other(
