@@ -17,16 +17,16 @@ import numpy as np
 import scipy
 
 from apf.body.cones import cone_normals
-from apf.body.jacobian import bone_point_jacobian, point_jacobian, world_axes
+from apf.body.jacobian import bone_point_jacobian, cone_motions, cross_rows, world_axes
 from apf.body.kinematics import bone_matrices, posed_cones
 from apf.body.model import BodyModel, sideless
 from apf.body.stature import ankle_cones, stature
 from apf.initialisation.shape_model import (
     ShapeModel,
+    end_displacements,
     inner_axes,
     nearest_coordinates,
     place_points,
-    surface_displacements,
     surface_samples,
 )
 from psfs.cameras.camera import CameraRig
@@ -157,90 +157,98 @@ class SurfaceEvidence:
     def residuals(self, model: ShapeModel, at: Fitted) -> list[Residuals]:
         body = model.body(at.shape)
         cones = posed_cones(body, at.poses)
-        growths = model.growths(body, at.poses, cones)
-
-        frames, weights, rows = [], [], list[tuple[np.ndarray, np.ndarray, np.ndarray]]()
-        axes = list(zip(*world_axes(body, at.poses), strict=True))
-        for frame, (cloud, pose, mine) in enumerate(zip(self.clouds, at.poses, cones, strict=True)):
-            cone, coordinates, target, share = find_contacts(model.template, cloud, mine)
-            nearest = mine[cone]
-            here = place_points(nearest, coordinates)
-            normal = cone_normals(here, nearest)
-            normal /= np.maximum(np.sqrt(dot(normal, normal)), 1e-9)[:, None]
-            by_pose = point_jacobian(body, pose, cone, here, normal, axes[frame])
-            by_shape = surface_displacements(mine, growths[frame], cone, coordinates, normal)
-            rows.append((dot(normal, here - target), by_pose.T, by_shape.T))
-            frames.append(np.full(len(cone), frame))
-            weights.append(_INDEPENDENT_DISTANCES * share)
-        touching = _stack(np.concatenate(frames), rows, weights=np.concatenate(weights))
-        return [touching, *self._stand(body, at.poses, cones, growths, axes)]
+        frame, cone, coordinates, target, share = self.find_contacts(model.template, cones)
+        nearest = cones[frame, cone]
+        here = place_points(nearest, coordinates)
+        normal = cone_normals(here, nearest)
+        normal /= np.maximum(np.sqrt(dot(normal, normal)), 1e-9)[:, None]
+        ends = end_displacements(nearest, coordinates, normal)
+        through = _move_cones(model, body, at.poses, cones)
+        touching = Residuals(
+            dot(normal, here - target),
+            [_touch(frame * cones.shape[1] + cone, here, normal, ends)],
+            weights=_INDEPENDENT_DISTANCES * share, least=_LEAST_NOISE, through=through,
+        )  # fmt: skip
+        return [touching, *self._stand(body, cones, through)]
 
     def _stand(
-        self,
-        body: BodyModel,
-        poses: np.ndarray,
-        cones: np.ndarray,
-        growths: np.ndarray,
-        axes: Sequence[tuple[np.ndarray, np.ndarray]],
+        self, body: BodyModel, cones: np.ndarray, through: Sequence[Slope]
     ) -> list[Residuals]:
         """Return the heights of the lower ankles of who stands above those of an upright body.
-        axes: of each frame, see `world_axes`."""
+        through: see `_move_cones`."""
         ankles = ankle_cones(body)
         standing = np.flatnonzero([cloud.on_floor for cloud in self.clouds] if ankles else [])
-        rows = []
-        for frame in standing.tolist():
-            above = {c: cones[frame, c, 6] - height for c, height in ankles.items()}
-            lower = np.array([min(above, key=lambda c: above[c])])
-            up, end = np.array([[0.0, 0.0, 1.0]]), cones[frame, lower, 4:7]
-            by_pose = point_jacobian(body, poses[frame], lower, end, up, axes[frame])
-            heights = np.array([above[lower[0]]])
-            rows.append((heights, by_pose.T, growths[frame, :, lower, 6]))
+        if not len(standing):
+            return []
+        above = cones[standing][:, list(ankles), 6] - np.array(list(ankles.values()))
+        lower = np.array(list(ankles))[above.argmin(1)]
+        up, ends = np.eye(3)[np.full(len(standing), 2)], np.eye(8)[np.full(len(standing), 6)]
+        key = standing * cones.shape[1] + lower
         sigma = _LIFTED / REACH
-        return [_stack(standing, rows, sigma=sigma, weights=(sigma / _ANKLE) ** 2)] if rows else []
+        return [
+            Residuals(
+                above.min(1), [_touch(key, cones[standing, lower, 4:7], up, ends)],
+                sigma=sigma, weights=(sigma / _ANKLE) ** 2, through=through,
+            )
+        ]  # fmt: skip
+
+    def find_contacts(
+        self, template: BodyModel, cones: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Pair surface voxels with the nearest of the posed cones (M, C, 16), and the free surface
+        of the cones with the nearest voxel.
+
+        Return the frame and the cone (K,) of each pair, the coordinates (K, 4) on it, see
+        `place_points`, the voxel (K, 3) m, NaN for points of the body's surface that are not free,
+        and the share (K,) of the cloud or of the body's surface in this frame that it stands for.
+        """
+        points = np.concatenate([cloud.points for cloud in self.clouds])
+        counts = np.array([len(cloud.points) for cloud in self.clouds])
+        frame, column = np.repeat(np.arange(len(counts)), counts), _count_up(counts)
+        padded = np.zeros((len(counts), counts.max(initial=0), 3))
+        padded[frame, column] = points
+        nearest = np.abs(cone_distances(padded, cones)).argmin(-1)[frame, column]
+        there = nearest_coordinates(points, cones[frame, nearest])
+        cone, coordinates = surface_samples(template, _SPACING)
+        own = place_points(cones[:, cone], coordinates)
+        depth = cone_distances(own, cones)
+        depth[:, np.arange(len(cone)), cone] = np.inf
+        free, target = depth.min(-1) > 0, np.full(own.shape, np.nan)
+        for cloud, mine, outside, found in zip(self.clouds, own, free, target, strict=True):
+            found[outside] = cloud.tree.data[cloud.tree.query(mine[outside])[1]]
+        shown, sample = np.divmod(np.arange(free.size), len(cone))
+        return (
+            np.concatenate([frame, shown]),
+            np.concatenate([nearest, cone[sample]]),
+            np.concatenate([there, coordinates[sample]]),
+            np.concatenate([points, target.reshape(-1, 3)]),
+            np.concatenate([1 / counts[frame], 1 / np.maximum(free.sum(1), 1)[shown]]),
+        )
 
 
-def _stack(
-    frames: np.ndarray,
-    rows: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]],
-    *,
-    weights: np.ndarray | float,
-    sigma: float | None = None,
-) -> Residuals:
-    """Return the residuals of rows of some frames: values, derivatives by pose and by scales."""
-    values, by_pose, by_shape = (np.concatenate(of) for of in zip(*rows, strict=True))
-    slopes = [
-        Slope("poses", frames, by_pose[:, None]),
-        Slope("shape", np.zeros(len(values), int), by_shape[:, None]),
-    ]
-    return Residuals(values, slopes, sigma=sigma, weights=weights, least=_LEAST_NOISE)
+def _count_up(counts: np.ndarray) -> np.ndarray:
+    """Return 0, 1, ... of each of some `counts`, one after the other."""
+    return np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
 
 
-def find_contacts(
-    template: BodyModel, cloud: Cloud, cones: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Pair surface voxels with the nearest of the posed cones (C, 16), and the free surface of the
-    cones with the nearest voxel.
+def _touch(key: np.ndarray, points: np.ndarray, normal: np.ndarray, ends: np.ndarray) -> Slope:
+    """Return how points (K, 3) on cones of the numbers `key` (K,) move along `normal` (K, 3) with
+    the coordinates of `_move_cones`. ends: (K, 8), see `end_displacements`."""
+    rows = np.concatenate([normal, cross_rows(points, normal), ends], axis=1)
+    return Slope("cones", key, rows[:, None])
 
-    Return the cone (K,) of each pair, the coordinates (K, 4) on it, see `place_points`, the voxel
-    (K, 3) m, NaN for points of the body's surface that are not free, and the share (K,) of the
-    cloud or of the body's surface that it stands for.
-    """
-    points = cloud.points
-    nearest = np.abs(cone_distances(points, cones)).argmin(1)
-    there = nearest_coordinates(points, cones[nearest])
-    cone, coordinates = surface_samples(template, _SPACING)
-    own = place_points(cones[cone], coordinates)
-    depth = cone_distances(own, cones)
-    depth[np.arange(len(cone)), cone] = np.inf
-    free, target = depth.min(1) > 0, np.full(own.shape, np.nan)
-    target[free] = cloud.tree.data[cloud.tree.query(own[free])[1]]
-    counts = len(points), max(1, np.count_nonzero(free))
-    return (
-        np.concatenate([nearest, cone]),
-        np.concatenate([there, coordinates]),
-        np.concatenate([points, target]),
-        np.repeat(1 / np.array(counts), [len(points), len(target)]),
-    )
+
+def _move_cones(
+    model: ShapeModel, body: BodyModel, poses: np.ndarray, cones: np.ndarray
+) -> list[Slope]:
+    """Return how poses (M, D) and the scales move the `cones` (M, C, 16): their motion, see
+    `cone_motions`, and the growth of their ends and radii, 14 coordinates of each."""
+    moves = cone_motions(body, world_axes(body, poses)).swapaxes(2, 3)
+    growths = np.moveaxis(model.growths(body, poses, cones), 1, 3)
+    by_pose = np.pad(moves, [(0, 0), (0, 0), (0, 8), (0, 0)]).reshape(-1, 14, moves.shape[3])
+    by_shape = np.pad(growths, [(0, 0), (0, 0), (6, 0), (0, 0)]).reshape(-1, 14, growths.shape[3])
+    frames = np.repeat(np.arange(len(poses)), cones.shape[1])
+    return [Slope("poses", frames, by_pose), Slope("shape", 0 * frames, by_shape)]
 
 
 @dataclass(frozen=True, eq=False)

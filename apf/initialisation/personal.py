@@ -30,7 +30,7 @@ from apf.body.kinematics import bone_matrices, cross, posed_cones, posed_joints
 from apf.body.model import BodyModel, Bone, Cone, Joint, sideless
 from apf.initialisation.shape_model import SPREAD, end_displacements, place_points
 from psfs.cameras.camera import CameraRig
-from psfs.common.least_squares import REACH, robust_weights
+from psfs.common.least_squares import REACH, multiply_alike, robust_weights
 from psfs.common.numbers import pick_evenly
 from psfs.common.progress import map_in_threads
 from psfs.common.regions import bounding_box
@@ -458,7 +458,7 @@ class PersonalFit:
             if has_floor:
                 sole, depths = self._press_soles(own, weighted.shape[1], free)
                 weighted, key = np.concatenate([weighted, depths]), np.concatenate([key, sole])
-            products = _multiply_alike(key, weighted, len(own) * n_cones)
+            products = multiply_alike(key, weighted, len(own) * n_cones)
             matrix, vector = self._expand(
                 moves[block], products.reshape(len(own), n_cones, *products.shape[1:])
             )
@@ -556,17 +556,6 @@ def nearest_outline(
     normal = (direction[:, None] @ frames[frame, :, cone])[:, 0]
     scale = np.maximum(np.linalg.norm(normal, axis=1), 1e-9)
     return frame, cone, coordinates, normal / scale[:, None], signed[row, cone] / scale
-
-
-def _multiply_alike(key: np.ndarray, rows: np.ndarray, count: int) -> np.ndarray:
-    """Return the products (count, W, W) of the transposed rows (K, W) with themselves, of those of
-    each `key` (K,) from 0 on."""
-    order = np.argsort(key, kind="stable")
-    rows, ends = rows[order], np.searchsorted(key[order], np.arange(count + 1)).tolist()
-    products = np.empty((count, *2 * rows.shape[1:]))
-    for product, first, last in zip(products, ends, ends[1:], strict=False):
-        np.matmul(rows[first:last].T, rows[first:last], out=product)
-    return products
 
 
 def _pair_beside(body: BodyModel, joint: Joint) -> tuple[str, ...]:

@@ -101,25 +101,6 @@ def place_points(cones: np.ndarray, coordinates: np.ndarray) -> np.ndarray:
     return a + t * axis + radius * offset
 
 
-def surface_displacements(
-    cones: np.ndarray,
-    growths: np.ndarray,
-    cone: np.ndarray,
-    coordinates: np.ndarray,
-    normal: np.ndarray,
-) -> np.ndarray:
-    """Return the displacements (S, K) along `normal` (K, 3) of points on cones (C, 16) per unit of
-    each of S scales.
-
-    cone: (K,) and coordinates: (K, 4) of the points, see `place_points`. growths: (S, C, 8), what
-    the scales do to ends and radii; they do not turn the cones' sections.
-    """
-    per_end = end_displacements(cones[cone], coordinates, normal)
-    each = np.zeros((len(cone), *growths.shape[1:]))  # a product of matrices needs no gathered rows
-    each[np.arange(len(cone)), cone] = per_end
-    return growths.reshape(len(growths), -1) @ each.reshape(len(cone), -1).T
-
-
 def end_displacements(cones: np.ndarray, coordinates: np.ndarray, normal: np.ndarray) -> np.ndarray:
     """Return the displacements (K, 8) along `normal` (K, 3) of points at `coordinates` (K, 4) on
     cones (K, 16) per unit of the ends' coordinates and radii."""

@@ -14,20 +14,22 @@ CONE_FLOATS = 16
 
 
 def cone_distances(points: np.ndarray, cones: np.ndarray) -> np.ndarray:
-    """Return signed distances (N, C) m from points (N, 3) to the surfaces of cones (C, 16).
+    """Return signed distances (..., N, C) m from points (..., N, 3) to the surfaces of cones (...,
+    C, 16).
 
     Measured in the frame where the elliptic section is a circle: exact for round cones except for
     their taper; the ends are rounded. Negative inside.
     """
-    a = cones[:, 0:3]
-    axis = cones[:, 4:7] - a
+    a = cones[..., 0:3]
+    axis = cones[..., 4:7] - a
     length = np.linalg.norm(axis, axis=-1)
-    ways = np.stack([cones[:, 8:11], cones[:, 12:15], axis / length[:, None]])
-    x, y, z = points @ ways.swapaxes(1, 2) - dot(ways, a)[:, None]
+    ways = np.stack([cones[..., 8:11], cones[..., 12:15], axis / length[..., None]])
+    x, y, z = points @ ways.swapaxes(-2, -1) - dot(ways, a)[..., None, :]
+    length, radius, end = (of[..., None, :] for of in (length, cones[..., 3], cones[..., 7]))
     t = np.clip(z / length, 0.0, 1.0)
     z -= t * length
-    radius = cones[:, 3] + t * (cones[:, 7] - cones[:, 3])
-    return np.sqrt(x * x + y * y + z * z) - radius
+    distance = np.sqrt(x * x + y * y + z * z)
+    return np.asarray(distance - (radius + t * (end - radius)))
 
 
 def ray_cone_distances(origin: np.ndarray, rays: np.ndarray, cones: np.ndarray) -> np.ndarray:

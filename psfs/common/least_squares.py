@@ -62,6 +62,9 @@ class Residuals:
     deviation, a number or (M,); None: estimated from the residuals by the median, but at least
     `least`. weights: (M,) how many independent measurements each is; 1 by default. robust: whether
     measurements may be wrong. groups: (M,) int, measurements whose noise is estimated together.
+    through: slopes of coordinates between measurements of one number and parameters, such as those
+    of parts that many points touch: (L, size of coordinates, size) by the blocks of parameters, of
+    the L items on which the only one of `slopes` depends.
     """
 
     values: np.ndarray
@@ -71,6 +74,7 @@ class Residuals:
     robust: bool = True
     groups: np.ndarray | None = None
     least: float = 1e-9
+    through: Sequence[Slope] = ()
 
     @property
     def rows(self) -> np.ndarray:
@@ -121,11 +125,22 @@ def robust_weights(values: np.ndarray, noise: np.ndarray | float) -> np.ndarray:
     return np.nan_to_num(1 / (1 + square / np.square(REACH * np.asarray(noise))) ** 2)
 
 
-def _find_runs(of: Residuals) -> np.ndarray:
+def _find_runs(slopes: Sequence[Slope]) -> np.ndarray:
     """Return where runs (N,) of measurements begin that depend on the same items."""
-    items = np.stack([slope.items for slope in of.slopes])
+    items = np.stack([slope.items for slope in slopes])
     changes = (items[:, 1:] != items[:, :-1]).any(axis=0)
-    return np.flatnonzero(np.append(len(of.values) > 0, changes))
+    return np.flatnonzero(np.append(items.shape[1] > 0, changes))
+
+
+def multiply_alike(key: np.ndarray, rows: np.ndarray, count: int) -> np.ndarray:
+    """Return the products (count, W, W) of the transposed rows (K, W) with themselves, of those of
+    each `key` (K,) from 0 on."""
+    order = np.argsort(key, kind="stable")
+    rows, ends = rows[order], np.searchsorted(key[order], np.arange(count + 1)).tolist()
+    products = np.empty((count, *2 * rows.shape[1:]))
+    for product, first, last in zip(products, ends, ends[1:], strict=False):
+        np.matmul(rows[first:last].T, rows[first:last], out=product)
+    return products
 
 
 def prior(
@@ -277,8 +292,10 @@ class _Layout:
             share = of.known * np.asarray(of.weights, float) / noise**2
             if of.robust:
                 share = share * robust_weights(of.rows, noise)
-            roots, run = np.sqrt(share)[:, None], _find_runs(of)
-            if len(run) * _LEAST_RUN < of.rows.size:
+            roots, run = np.sqrt(share)[:, None], _find_runs(of.slopes)
+            if of.through:
+                own, pull = self._multiply_through(of, roots)
+            elif len(run) * _LEAST_RUN < of.rows.size:
                 own, pull = self._multiply_runs(of, roots, run)
             else:
                 rows = self._rows(of, roots)
@@ -295,13 +312,36 @@ class _Layout:
         values = np.concatenate([slope.values[used] for slope in of.slopes], axis=2)
         values, right = np.nan_to_num(values) * roots[used, :, None], (roots * of.rows)[used]
         width, ends = values.shape[2], np.searchsorted(used, [*run, len(roots)]).tolist()
-        places = [self._places[slope.name][slope.items[run]] for slope in of.slopes]
-        columns, gradient = np.concatenate(places, axis=1), np.zeros(self.size + 1)
-        blocks = np.empty((len(run), width, width))
-        for block, own, first, last in zip(blocks, columns, ends, ends[1:], strict=False):
+        blocks, pulls = np.empty((len(run), width, width)), np.empty((len(run), width))
+        for block, pull, first, last in zip(blocks, pulls, ends, ends[1:], strict=False):
             rows = values[first:last].reshape(-1, width)
             np.matmul(rows.T, rows, out=block)
-            np.add.at(gradient, own, right[first:last].ravel() @ rows)
+            np.matmul(right[first:last].ravel(), rows, out=pull)
+        return self._gather(of.slopes, run, blocks, pulls)
+
+    def _multiply_through(
+        self, of: Residuals, roots: np.ndarray
+    ) -> tuple[scipy.sparse.csc_matrix, np.ndarray]:
+        """Return the normal matrix and the gradient of measurements by coordinates between them and
+        the parameters: the products of the few numbers that measurements depend on come first."""
+        used, (slope,) = np.flatnonzero(roots), of.slopes
+        rows = np.concatenate([slope.values[used, 0], of.rows[used]], axis=1) * roots[used]
+        items, key = np.unique(slope.items[used], return_inverse=True)
+        products = multiply_alike(key, rows, len(items))
+        through = [Slope(by.name, by.items[items], by.values[items]) for by in of.through]
+        values, run = np.concatenate([by.values for by in through], axis=2), _find_runs(through)
+        turned = values.swapaxes(1, 2) @ products[:, :-1]
+        blocks = np.add.reduceat(turned[..., :-1] @ values, run)
+        return self._gather(through, run, blocks, np.add.reduceat(turned[..., -1], run))
+
+    def _gather(
+        self, slopes: Sequence[Slope], run: np.ndarray, blocks: np.ndarray, pulls: np.ndarray
+    ) -> tuple[scipy.sparse.csc_matrix, np.ndarray]:
+        """Return the normal matrix and the gradient that the blocks (N, W, W) and the pulls (N, W)
+        of runs of measurements add up to."""
+        places = [self._places[slope.name][slope.items[run]] for slope in slopes]
+        columns, gradient = np.concatenate(places, axis=1), np.zeros(self.size + 1)
+        np.add.at(gradient, columns, pulls)
         both = np.broadcast_arrays(columns[:, :, None], columns[:, None], blocks)
         row, column, entries = (each.ravel() for each in both)
         free = (row >= 0) & (column >= 0)
