@@ -166,15 +166,16 @@ def masked_moments(
     count, step = np.empty(n_pixels, int), max(1, 2 * _BAND_BYTES // (3 * len(frames)))
     for first in range(0, n_pixels, step):
         part = np.s_[first : first + step]
-        shown = np.ascontiguousarray(frames[:, part])
-        free = len(frames) - np.count_nonzero(covered[:, part], axis=0)
+        shown = frames[:, part].reshape(len(frames), -1)  # NumPy is slow along an axis of three
+        free = len(frames) - covered[:, part].view(np.uint8).sum(axis=0, dtype=np.int32)
         left_out = covered[:, part] & (free >= _LEAST_FREE)
-        number = np.where(free >= _LEAST_FREE, free, len(frames))[:, None]
-        middle = select_rank(np.where(left_out[..., None], np.uint8(255), shown), number // 2)
-        deviation = np.maximum(shown, middle) - np.minimum(shown, middle)
-        deviation[left_out] = 255
+        number = np.repeat(np.where(free >= _LEAST_FREE, free, len(frames)), 3)
+        most = np.repeat(np.negative(left_out.view(np.uint8)), 3, axis=1)  # 255 where left out
+        middle = select_rank(shown | most, number // 2)
+        deviation = (np.maximum(shown, middle) - np.minimum(shown, middle)) | most
         spread = select_rank(deviation, number // 2).astype(np.float32)
-        median[part], std[part] = middle, with_prior((1.4826 * spread) ** 2, number)
+        values = middle, with_prior((1.4826 * spread) ** 2, number)
+        median[part], std[part] = (of.reshape(-1, 3) for of in values)
         count[part] = free * (free >= _LEAST_FREE)
     return median, std, count
 

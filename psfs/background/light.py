@@ -8,7 +8,7 @@ from cl import Array, Device, Launch
 from cl.workgroups import GROUP, pack_defines, size_defines
 from psfs.background.config import BackgroundConfig
 from psfs.background.gaussian import Background
-from psfs.cameras.camera import CameraRig
+from psfs.cameras.camera import BLOCK, CameraRig
 
 #: Columns and rows of the grid of pixels from which a picture's light is estimated.
 GRID = (64, 32)
@@ -122,24 +122,19 @@ def scale_light(light: np.ndarray, factor: float) -> np.ndarray:
     return scaled
 
 
-def relight_picture(
-    image: np.ndarray, light: np.ndarray, chosen: np.ndarray | None = None
-) -> np.ndarray:
-    """Return a picture (h, w, 3) uint8, or its `chosen` pixels (h, w) bool as (p, 3), relit by the
-    background's light, in whole grey levels from 0 to 255."""
-    if chosen is None:
-        row, column = np.arange(len(image))[:, None], np.arange(image.shape[1])
-    else:
-        row, column = np.nonzero(chosen)
-        image = image[chosen]
-    field = light_field(light, row, column)
-    # NumPy is slow along an axis of three.
-    lines = image.reshape(1 if chosen is not None else len(image), -1)
-    gains, offsets = np.tile(light[:6].astype(np.float32).reshape(2, 3), lines.shape[1] // 3)
-    relit = lines - offsets
-    relit /= gains * np.repeat(field, 3, axis=-1)
-    relit += np.float32(0.5)
-    return np.clip(relit, 0, 255, out=relit).astype(np.uint8).reshape(image.shape)
+def relight_picture(image: np.ndarray, light: np.ndarray) -> np.ndarray:
+    """Return a picture (h, w, 3) uint8 relit by the background's light, in whole grey levels from 0
+    to 255."""
+    height, width = image.shape[:2]
+    gains, offsets = np.tile(light[:6].astype(np.float32).reshape(2, 3), width)
+    lines, relit = image.reshape(height, -1), np.empty((height, 3 * width), np.uint8)
+    for part in np.array_split(np.arange(height), -(-height * width // BLOCK)):
+        field = light_field(light, part[:, None], np.arange(width))
+        band = lines[part[0] : part[-1] + 1] - offsets
+        band /= gains * np.repeat(field, 3, axis=-1)  # NumPy is slow along an axis of three
+        band += np.float32(0.5)
+        relit[part[0] : part[-1] + 1] = np.clip(band, 0, 255, out=band)
+    return relit.reshape(image.shape)
 
 
 def light_launch(

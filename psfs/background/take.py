@@ -242,14 +242,16 @@ def _estimate_view(numbers: list[int], media: Media, view: _View, labels: Labels
         return np.asarray(enlarged).view(picture.dtype)
 
     unseen, learnt = enlarge(labels.unseen), ~enlarge(labels.same)
+    some = np.s_[:] if learnt.all() else learnt.ravel()  # a slice copies nothing
     frames = np.empty((len(numbers), np.count_nonzero(learnt), 3), np.uint8)
     again = media.frames(numbers) if view.frames is None else view.frames
     for into, frame, light in zip(frames, again, view.light, strict=True):
-        into[...] = relight_picture(frame, light, learnt)
-    covered = np.stack([enlarge(mask)[learnt] for mask in labels.covered])
+        into[...] = relight_picture(frame, light).reshape(-1, 3)[some]
+    covered = np.stack([enlarge(mask).ravel()[some] for mask in labels.covered])
     mean, std = np.empty((2, *learnt.shape, 3), np.float32) if view.film is None else view.film
     count = (~learnt).astype(int)
-    mean[learnt], std[learnt], count[learnt] = masked_moments(frames, covered)
+    for whole, part in zip((mean, std, count), masked_moments(frames, covered), strict=True):
+        whole[learnt] = part
     known = count > 0
     std[~known] = _UNIFORM_STD
     known |= np.isnan(unseen[..., 3])
