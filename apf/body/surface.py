@@ -53,12 +53,14 @@ class Surface:
     def measure(self, body: BodyModel) -> dict[str, Any]:
         """Return the volume, litres, and the girths of the body's parts at their middles, m, as a
         tape finds them: each a list of value and standard deviation."""
-        mesh = _make_mesh(self.vertices, self.faces)
-        thirds = np.repeat(mesh.area_faces / 3, 3)
-        area = np.bincount(self.faces.ravel(), thirds, len(self.vertices))
+        corners = self.vertices[self.faces].astype(float)
+        across = _cross_faces(corners)
+        areas = np.linalg.norm(across, axis=1) / 2
+        volume = np.sum(corners[:, 0] * across) / 6
+        area = np.bincount(self.faces.ravel(), np.repeat(areas / 3, 3), len(self.vertices))
         # errors are alike within a disc of this area about each vertex
         variance = 4 * np.pi * ALIKE**2 * np.sum(area * self.deviation**2)
-        error = float(np.sqrt(variance + (mesh.area * self.common) ** 2))
+        error = float(np.sqrt(variance + (areas.sum() * self.common) ** 2))
         girths = {}
         owner = blend_bones(self.vertices, body, self.pose).argmax(1)
         cones = posed_cones(body, self.pose[None])[0]
@@ -68,7 +70,7 @@ class Surface:
             if along is not None and abs(along @ axis) < np.linalg.norm(axis) / 2:
                 axis = along  # a part that lies across its bone, such as hips
             axis = axis / np.linalg.norm(axis)
-            lines, on = _cut(mesh, axis, middle)
+            lines, on = _cut(corners, axis, middle)
             lines = lines[(owner[self.faces[on]] == part.bone).all(1)].reshape(-1, 3)
             if len(lines) < 6:
                 continue
@@ -77,7 +79,7 @@ class Surface:
             round_it = self.deviation[np.unique(self.faces[on])].mean()
             alone = np.sqrt(min(1.0, 2 * np.sqrt(np.pi) * ALIKE / hull.area)) * round_it
             girths[part.name] = _with_error(hull.area, 2 * np.pi * np.hypot(alone, self.common), 3)
-        return {"volume_l": _with_error(1e3 * mesh.volume, 1e3 * error, 2), "girths_m": girths}
+        return {"volume_l": _with_error(1e3 * volume, 1e3 * error, 2), "girths_m": girths}
 
 
 def blend_bones(points: np.ndarray, body: BodyModel, pose: np.ndarray) -> np.ndarray:
@@ -119,8 +121,23 @@ def paint(
 
 
 def normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """Return (M, 3) float32 unit normals of the vertices of a surface."""
-    return np.asarray(_make_mesh(vertices, faces).vertex_normals, np.float32)
+    """Return (M, 3) float32 unit normals of the vertices of a surface: means of those of the faces
+    around them, by their angles there."""
+    corners = vertices[faces].astype(float)
+    sides = [np.roll(corners, -by, axis=1) - corners for by in (1, 2)]
+    sides = [of / np.maximum(np.linalg.norm(of, axis=2, keepdims=True), 1e-12) for of in sides]
+    angles = np.arccos(np.clip(np.sum(sides[0] * sides[1], axis=2), -1, 1))
+    across = _cross_faces(corners)
+    across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-12)
+    weights = (angles[..., None] * across[:, None]).reshape(-1, 3)
+    sums = np.stack([np.bincount(faces.ravel(), of, len(vertices)) for of in weights.T], axis=1)
+    return np.float32(sums / np.maximum(np.linalg.norm(sums, axis=1, keepdims=True), 1e-12))
+
+
+def _cross_faces(corners: np.ndarray) -> np.ndarray:
+    """Return the normals (T, 3), m^2, of faces with these corners (T, 3, 3), m, as long as twice
+    their areas."""
+    return np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
 
 
 def _find_direction(body: BodyModel, pose: np.ndarray, bone: int) -> np.ndarray | None:
@@ -132,17 +149,20 @@ def _find_direction(body: BodyModel, pose: np.ndarray, bone: int) -> np.ndarray 
     return np.asarray(bone_matrices(body, pose[None])[0][0, bone] @ along / np.linalg.norm(along))
 
 
-def _make_mesh(vertices: np.ndarray, faces: np.ndarray) -> Any:
-    import trimesh  # slow to import
-
-    return trimesh.Trimesh(vertices, faces, process=False)
-
-
-def _cut(mesh: Any, normal: np.ndarray, origin: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the lines (K, 2, 3) in which a plane cuts a mesh, and their faces (K,)."""
-    import trimesh
-
-    return trimesh.intersections.mesh_plane(mesh, normal, origin, return_faces=True)
+def _cut(
+    corners: np.ndarray, normal: np.ndarray, origin: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the lines (K, 2, 3) in which a plane cuts faces with these corners (T, 3, 3), and the
+    numbers of the faces (K,)."""
+    heights = (corners - origin) @ normal
+    above = heights > 0
+    on = np.flatnonzero((above.any(1)) & ~above.all(1))
+    alone = np.where(above[on].sum(1) == 1, above[on].argmax(1), above[on].argmin(1))
+    order = (alone[:, None] + np.arange(3)) % 3  # the corner on a side of its own first
+    sorted_heights = np.take_along_axis(heights[on], order, axis=1)
+    ends = np.take_along_axis(corners[on], order[..., None], axis=1)
+    share = sorted_heights[:, :1] / (sorted_heights[:, :1] - sorted_heights[:, 1:])
+    return ends[:, :1] + share[..., None] * (ends[:, 1:] - ends[:, :1]), on
 
 
 def _with_error(value: float, error: float, digits: int) -> list[float]:

@@ -21,7 +21,8 @@ from apf.initialisation.shape_model import place_points
 from psfs.common.cones import cone_distances, largest_slopes
 from psfs.common.least_squares import REACH, robust_weights
 from psfs.common.numbers import pick_evenly
-from psfs.mesh.marching_cubes import extract_surface
+from psfs.mesh.config import SMOOTHING
+from psfs.mesh.marching_cubes import extract_mesh
 from psfs.voxels.grid import VoxelGrid
 
 #: Edge of the voxels, m, that the cones' common surface is extracted from.
@@ -97,5 +98,4 @@ def join_cones(body: BodyModel, pose: np.ndarray) -> tuple[np.ndarray, np.ndarra
         gaps = cone_distances(grid.centres(part), cones) / _STEP
         least = gaps.min(1, keepdims=True)
         inside[part] = np.log(np.exp(least - gaps).sum(1)) - least[:, 0]
-    mesh = extract_surface(inside.reshape(grid.shape), grid, threshold=0.0, debris=0.0)
-    return np.asarray(mesh.vertices), np.asarray(mesh.faces)
+    return extract_mesh(inside.reshape(grid.shape), grid, 0.0, SMOOTHING, debris=0.0)

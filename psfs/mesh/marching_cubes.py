@@ -24,8 +24,8 @@ from psfs.voxels.grid import VoxelCloud, VoxelGrid
 if TYPE_CHECKING:
     import trimesh
 
-# Taubin 1995: each step forward by _LAMBDA is followed by one back by _MU. Features of spatial
-# frequency below 1 / _LAMBDA - 1 / _MU = 0.11 are kept, so that nothing shrinks.
+# Taubin 1995: each step towards the neighbours by _LAMBDA is followed by one back by _MU. Features
+# of spatial frequency below 1 / _LAMBDA - 1 / _MU = 0.11 are kept, so that nothing shrinks.
 _LAMBDA, _MU = 0.5, 0.53
 #: Probability at which the surface lies.
 THRESHOLD = OccupancyConfig().threshold
@@ -50,20 +50,32 @@ def extract_surface(
     shrink. cloud: its colours, if any, are taken over by the nearest vertices. Raises InputError if
     no voxel is above the threshold.
     """
-    solid = _clean(np.asarray(probability, np.float32), threshold, debris)
-    # A layer of zeros closes the mesh; voxel centres lie half a voxel from the corner.
-    import trimesh  # takes a while to load, and so does this:
-    from skimage.measure import marching_cubes
+    import trimesh  # takes a while to load
 
-    vertices, faces, _, _ = marching_cubes(np.pad(solid, 1), threshold, gradient_direction="ascent")
-    vertices = grid.origin + (vertices.astype(np.float64) - 0.5) * grid.voxel_size
+    vertices, faces = extract_mesh(probability, grid, threshold, smoothing, debris)
     mesh = trimesh.Trimesh(vertices, faces, process=False)
-    if smoothing:
-        trimesh.smoothing.filter_taubin(mesh, _LAMBDA, _MU, smoothing)
     if cloud is not None and cloud.colour is not None and len(cloud):
         _, nearest = scipy.spatial.cKDTree(cloud.centres).query(mesh.vertices)
         _paint(mesh, cloud.colour[nearest])
     return mesh
+
+
+def extract_mesh(
+    probability: np.ndarray, grid: VoxelGrid, threshold: float, smoothing: int, debris: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the vertices (M, 3) m and the faces (T, 3) of `extract_surface`."""
+    from skimage.measure import marching_cubes  # takes a while to load
+
+    solid = _clean(np.asarray(probability, np.float32), threshold, debris)
+    # A layer of zeros closes the mesh; voxel centres lie half a voxel from the corner.
+    vertices, faces, _, _ = marching_cubes(np.pad(solid, 1), threshold, gradient_direction="ascent")
+    vertices = grid.origin + (vertices.astype(np.float64) - 0.5) * grid.voxel_size
+    first, second = faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2).T
+    shares = 1 / np.bincount(first, minlength=len(vertices))[first]
+    mean = scipy.sparse.csr_matrix((shares, (first, second)), shape=2 * [len(vertices)])
+    for step in range(smoothing):
+        vertices += (-_MU if step % 2 else _LAMBDA) * (mean @ vertices - vertices)
+    return vertices, faces
 
 
 def _clean(probability: np.ndarray, threshold: float, debris: float) -> np.ndarray:
