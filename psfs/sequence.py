@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+import pickle
 from collections.abc import Callable, Collection, Generator, Iterator, Mapping
 from collections.abc import Sequence as Items
 from contextlib import contextmanager
@@ -12,6 +13,7 @@ from dataclasses import dataclass
 from functools import cached_property, partial
 from itertools import pairwise, product
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
@@ -26,14 +28,17 @@ from psfs.cameras.camera import CameraRig
 from psfs.cameras.units import metres_per_unit, rotate_rig, rotation_to_z_up
 from psfs.common.files import resolve_path
 from psfs.common.ranges import check_kind
-from psfs.common.system import physical_memory
+from psfs.common.system import KEPT_BYTES, physical_memory
 from psfs.footage.layouts import Footage, find_layout
 from psfs.footage.media import Decoder, Media, pad_pictures
+from psfs.footage.memory import recall
 from psfs.footage.numbering import pair_by_number
 from psfs.footage.settings import MIXTURES, SequenceSettings, join_delays, split_delays
 from psfs.footage.sound import apply_sound
 from psfs.footage.threads import TIMEOUT_S, HangingError, Threads, prefetch
 from psfs.footage.timing import Delay, synchronise
+
+R = TypeVar("R")
 
 #: Greatest memory and number of frames that are decoded ahead.
 _QUEUE_BYTES, _QUEUE_FRAMES = 256 * 2**20, 16
@@ -236,6 +241,21 @@ class Sequence:
     @cached_property
     def background(self) -> Background | None:
         """The empty scene, or None if frames come with masks. It is estimated on first use."""
+        return self.recall("background", self._estimate_background, _is_small)
+
+    def recall(
+        self, key: object, compute: Callable[[], R], keeps: Callable[[R], bool] = lambda _: True
+    ) -> R:
+        """Return the result of `compute` on this footage, which an earlier sequence of the same
+        files, settings and cameras may have computed, see `psfs.footage.memory`."""
+        footage = self.footage
+        media = (*(footage.images or ()), *(footage.masks or ()), *(footage.background or ()))
+        files = [path.stat() for item in media for path in item.paths]
+        stamps = [(of.st_ino, of.st_mtime_ns, of.st_size) for of in files]
+        whole = (key, media, stamps, self.settings, pickle.dumps(self.rig))
+        return recall(self.folder.resolve(), whole, compute, keeps)
+
+    def _estimate_background(self) -> Background | None:
         if self.background_kind in ("gaussian", "frames"):
             films = self.footage.background if self.background_kind == "gaussian" else None
             assert self.footage.images is not None
@@ -385,6 +405,11 @@ class Sequence:
                 f"{self._views[error.number].where}: frame {index} was not decoded within "
                 f"{TIMEOUT_S:g} s; expected a file that can be read"
             ) from None
+
+
+def _is_small(background: Background | None) -> bool:
+    """Return whether a background is small enough to be kept for a later sequence."""
+    return background is None or background.mean.nbytes + background.std.nbytes <= KEPT_BYTES
 
 
 def _refuse_unused(stated: SequenceSettings, sequence: Sequence) -> None:

@@ -19,6 +19,7 @@ from cl import Device, InputError, NumpyDevice
 from psfs.cameras.calibration.toml_tables import write_toml_tables
 from psfs.common.files import write_picture, write_toml
 from psfs.common.outputs import claim, clear_leftovers, output_folder, temporary_name
+from psfs.footage.threads import prefetch
 from psfs.output.video import write_video
 
 BACKGROUND_FRAMES = 30
@@ -57,11 +58,12 @@ def generate(
         scene = SyntheticScene(config, device)
         write_toml_tables(temporary / "calibration.toml", scene.rig)
         with _open_videos(temporary / "background", scene) as write:
-            for i in range(BACKGROUND_FRAMES):
-                write(scene.background_frame(i))
+            empty = (scene.background_frame(i) for i in range(BACKGROUND_FRAMES))
+            for images in prefetch(empty, depth=1):
+                write(images)
         with _open_videos(temporary / "videos", scene) as write:
-            for i in range(config.frames):
-                images, numbers = scene.frame(i)
+            frames = (scene.frame(i) for i in range(config.frames))
+            for i, (images, numbers) in enumerate(prefetch(frames, depth=1)):
                 write(images)
                 if i % MASK_STEP == 0:
                     shown = {"truth_masks": np.where(numbers > 0, np.uint8(255), np.uint8(0))}

@@ -215,7 +215,9 @@ class Sensor:
             (height + _NOISE_MARGIN, width + _NOISE_MARGIN, 6), dtype=np.float32
         )
         blurred: np.ndarray = cv2.GaussianBlur(field, (3, 3), 0.55)
-        self._field = blurred * np.float32(config.noise / blurred.std())
+        blurred *= np.float32(config.noise / blurred.std())
+        fields = (blurred[:, :, :3], blurred[:, :, 3:])
+        self._fields = [np.float32(np.sqrt(0.5)) * np.ascontiguousarray(of) for of in fields]
 
     def expose(self, picture: np.ndarray, stream: int, index: int) -> np.ndarray:
         """Add noise to a picture (V, H, W, 3) float32; return uint8. stream: number of the
@@ -227,11 +229,11 @@ class Sensor:
             gain = np.float32(1 + self.config.flicker * rng.standard_normal())
             noisy = gain * image
             # The sum of two shifted fields is new noise for the price of an addition.
-            for layer in (0, 1):
+            for field in self._fields:
                 y, x = rng.integers(0, _NOISE_MARGIN, 2)
-                field = self._field[y : y + height, x : x + width, 3 * layer : 3 * layer + 3]
-                noisy += np.float32(np.sqrt(0.5)) * field
-            np.clip(noisy + 0.5, 0, 255, out=noisy)
+                noisy += field[y : y + height, x : x + width]
+            noisy += np.float32(0.5)
+            np.clip(noisy, 0, 255, out=noisy)
             out[view] = noisy
         return out
 

@@ -6,6 +6,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 import scipy
@@ -32,6 +33,8 @@ from psfs.sequence import Sequence
 from psfs.session import Session
 
 log = logging.getLogger(__name__)
+
+R = TypeVar("R")
 
 
 #: The tests of all kinds, in their order: later ones leave out the cameras whose pictures earlier
@@ -88,7 +91,13 @@ class Diagnosis:
 
 def diagnose(session: Session) -> Diagnosis:
     """Find the faults of a session's footage in small pictures of some hundred frames."""
-    return session.compute_once(diagnose, lambda: _find_faults(session))
+    return session.compute_once(diagnose, lambda: _recall(session, diagnose, _find_faults))
+
+
+def _recall(session: Session, key: object, compute: Callable[[Session], R]) -> R:
+    """Return what `compute` finds in the footage, which an earlier session may have found."""
+    on = (key, session.device.name)
+    return session.sequence.recall(on, lambda: compute(session))
 
 
 def _find_faults(session: Session) -> Diagnosis:
@@ -190,7 +199,8 @@ def examine(session: Session, all_cameras: bool = False) -> Examination:
 
 def _correct_rig(session: Session, diagnosis: Diagnosis) -> Session:
     """Return a session whose rig has the pixels hidden by furniture and corrected directions."""
-    hidden = find_hidden_pixels(session)
+    key = (find_hidden_pixels, session.settings)
+    hidden = _recall(session, key, find_hidden_pixels)
     if hidden is not None:
         session = session.with_sequence(session.sequence.with_rig(session.rig.with_hidden(hidden)))
     found = correct_rig(session, diagnosis.views)

@@ -388,3 +388,30 @@ def test_footage_on_another_drive_is_opened_again(
     assert "relative" not in facts
     again = reopen_sequence(facts, tmp_path / "out" / "summary.json", 1)
     assert again.rig.names == sequence.rig.names
+
+
+def test_a_sequence_opened_again_shares_results_of_unchanged_footage(tmp_path: Path) -> None:
+    folder, other = footage.native(tmp_path / "walk"), footage.native(tmp_path / "other")
+    computed: list[str] = []
+
+    def result(sequence: Sequence, text: str) -> str:
+        return sequence.recall("stage", lambda: computed.append(text) or text)
+
+    assert result(Sequence.open(folder), "first") == "first"
+    assert result(Sequence.open(folder), "again") == "first"
+    assert Sequence.open(folder).background is Sequence.open(folder).background
+    assert result(Sequence.open(folder, cameras=["cam01", "cam02"]), "two cameras") == "two cameras"
+    turned = Sequence.open(folder)
+    moved = turned.with_rig(turned.rig.scaled(0.5))
+    assert result(moved, "another rig") == "another rig"
+    footage.write_video(folder / "videos" / "cam01.mp4", [50] * 12)
+    assert result(Sequence.open(folder), "a new video") == "a new video"
+    assert result(Sequence.open(other), "another take") == "another take"
+    assert result(Sequence.open(folder), "forgotten") == "forgotten"
+
+
+def test_a_large_result_is_not_kept(tmp_path: Path) -> None:
+    folder = footage.native(tmp_path / "walk")
+    for number in range(2):
+        found = Sequence.open(folder).recall("stage", lambda n=number: n, lambda _: False)
+        assert found == number
