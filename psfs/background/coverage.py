@@ -41,7 +41,7 @@ class Rays:
                 inside, row, column, _ = camera.look_up(centres)
                 seen[inside] += 1
                 shown[inside] += region[row, column]
-            hull = centres[(seen >= needed) & (shown == seen)]
+            hull = centres[(seen >= needed) & (shown >= needed)]
             if not len(hull):
                 break
             box = hull.min(0) - edge, hull.max(0) + edge

@@ -3,7 +3,7 @@
 Guan, Franco & Pollefeys 2007 infer occluders from silhouettes: if one camera denies a person that
 the others see, something may stand before the person. Denial alone is weak evidence, since a hull
 of few cameras is larger than the person. But if what is there is carved away, foreground in the
-other cameras is left that no voxel explains. Where three or more cameras agree on such a place, it
+other cameras is left that no voxel explains. Where two or more cameras agree on such a place, it
 is hidden from the camera that denies it. Consistent silhouettes leave no foreground unexplained, so
 clean footage has no hidden pixels.
 """
@@ -30,13 +30,16 @@ from psfs.voxels.occupied_box import CoarseSpace, finest_pixel, look_up
 
 #: Examined frames, spread over the sequence.
 _SAMPLES = 64
-#: Least number of cameras that must show unexplained foreground (two find specks in clean footage),
-#: and most cameras that are hidden from the same place at once.
-_AGREEING, _DENYING = 3, 2
-#: Least number of frames in which a pixel must contradict the other cameras, and least share of
-#: those in which it shows the person or contradicts; least ratio of a camera's pixels that show the
-#: person to those that contradict, below which it has another fault.
-_LEAST_FRAMES, _LEAST_SHARE, _LEAST_CONFIRMED = 2, 0.1, 0.5
+#: Least share of the frames in which a pixel contradicts the other cameras among those in which it
+#: shows the person or contradicts, by the number of cameras that show unexplained foreground, the
+#: strongest evidence first: two find specks in clean footage, but not where the person hardly ever
+#: appears. What more cameras explained is not left for fewer.
+_LEAST_SHARES = {3: 0.1, 2: 0.9}
+#: Most cameras that are hidden from the same place at once.
+_DENYING = 2
+#: Least number of frames in which a pixel must contradict the other cameras; least ratio of a
+#: camera's pixels that show the person to those that contradict, below which it has another fault.
+_LEAST_FRAMES, _LEAST_CONFIRMED = 2, 0.5
 #: Width of the holes that are filled, px; number of pixels below which a region is noise.
 _GAP, _SPECK = 13, 300
 #: Distance from explained pixels within which foreground counts as explained, too, px.
@@ -54,7 +57,7 @@ def find_hidden_pixels(session: Session) -> np.ndarray | None:
     None if there are none, or too few cameras to decide.
     """
     rig, sequence = session.rig, session.sequence
-    if len(rig) <= _AGREEING:
+    if len(rig) <= max(_LEAST_SHARES):
         return None
     shrink = Shrink(rig, rig.factor_within(LARGE_SIDE))
     background = shrink.background(session.background)
@@ -97,26 +100,31 @@ def find_hidden_in_box(
     edge = max(edge, finest_pixel(rig, VoxelGrid.covering(low, high, edge)))
     grid = VoxelGrid.covering(low, high, edge)
     space = CoarseSpace(rig, grid, OccupancyConfig().seeing_cameras(len(rig)))
-    space.keep(_count(reduce(np.maximum, evidence) > 0, space.pixels) >= _AGREEING)
-    denied, confirmed = np.zeros((2, *evidence[0].shape), np.int16)
-    judge = partial(_judge, space, margin)
-    for confirms, denies in map_in_threads(judge, evidence):
-        denied += denies
-        confirmed += confirms
-    enough = denied >= np.maximum(_LEAST_FRAMES, _LEAST_SHARE * (denied + confirmed))
-    sums = confirmed.sum((1, 2), dtype=int), denied.sum((1, 2), dtype=int)
-    enough &= (sums[0] >= _LEAST_CONFIRMED * sums[1])[:, None, None]
-    square = np.ones((_GAP, _GAP), np.uint8)
-    closed = [cv2.morphologyEx(own, cv2.MORPH_CLOSE, square) for own in _bytes(enough)]
-    hidden = np.stack([_without_specks(own, _SPECK) for own in closed])
+    space.keep(_count(reduce(np.maximum, evidence) > 0, space.pixels) >= min(_LEAST_SHARES))
+    hidden = np.zeros_like(evidence[0], bool)
+    for agreeing, least_share in _LEAST_SHARES.items():
+        denied, confirmed = np.zeros((2, *hidden.shape), np.int16)
+        judge = partial(_judge, space, margin, agreeing, hidden)
+        for confirms, denies in map_in_threads(judge, evidence):
+            denied += denies
+            confirmed += confirms
+        enough = denied >= np.maximum(_LEAST_FRAMES, least_share * (denied + confirmed))
+        sums = confirmed.sum((1, 2), dtype=int), denied.sum((1, 2), dtype=int)
+        enough &= (sums[0] >= _LEAST_CONFIRMED * sums[1])[:, None, None]
+        square = np.ones((_GAP, _GAP), np.uint8)
+        closed = [cv2.morphologyEx(own, cv2.MORPH_CLOSE, square) for own in _bytes(enough)]
+        hidden |= np.stack([_without_specks(own, _SPECK) for own in closed])
     return hidden if hidden.any() else None
 
 
-def _judge(space: CoarseSpace, margin: int, evidence: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _judge(
+    space: CoarseSpace, margin: int, agreeing: int, hidden: np.ndarray, evidence: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Return the pixels (V, H, W) bool that confirm, in a frame, what the other cameras see in the
     voxels of a space, and those that deny it. margin: as of `find_hidden_in_box`."""
     shown = evidence > 0
-    rows = np.flatnonzero(_count(shown, space.pixels) >= _AGREEING)
+    evidence = np.where(hidden & ~shown, np.int8(0), evidence)
+    rows = np.flatnonzero(_count(shown, space.pixels) >= agreeing)
     pixels = space.pixels[:, rows]
     counts = look_up(evidence, pixels)
     occupied, against = counts.sum(0, dtype=np.int16) > 0, counts < 0
@@ -126,10 +134,10 @@ def _judge(space: CoarseSpace, margin: int, evidence: np.ndarray) -> tuple[np.nd
     rest, square = shown & ~explained, np.ones((3, 3), np.uint8)
     lonely = np.stack([cv2.erode(own, square) for own in _bytes(rest)]) > 0
     denied = np.zeros_like(shown)
-    if lonely.any((1, 2)).sum() >= _AGREEING:
+    if lonely.any((1, 2)).sum() >= agreeing:
         n_against, n_for = against.sum(0), (counts > 0).sum(0)
-        amiss = (_count(lonely, pixels) >= _AGREEING) & (n_against <= _DENYING)
-        amiss &= ~occupied & (n_for > n_against)
+        amiss = (_count(lonely, pixels) >= agreeing) & (n_against <= _DENYING)
+        amiss &= ~occupied & (n_for >= n_against)
         for view, own in enumerate(shown):
             denied[view] = space.cover(view, rows[amiss & against[view]]) & ~own
     return shown & explained, denied
