@@ -21,11 +21,11 @@ _MARGIN = 1
 
 
 class Rays:
-    """The pixels of all cameras in which the voxels appear where people may be: those in the hull
-    of the moving `regions` (V, h, w) bool, and those below it down to the `floor`, m, if it is
-    given: people stand on one spot, or a camera does not see them move behind furniture.
+    """The pixels of all cameras in which the voxels appear where people may be: those that enough
+    cameras see move, since furniture may hide them from the others, and those below them down to
+    the `floor`, m, if it is given: people stand on one spot.
 
-    regions: (V, h, w) bool, the moving pixels of the hull, and all those below it."""
+    regions: (V, h, w) bool, the moving pixels of these voxels, and all those below them."""
 
     def __init__(self, rig: CameraRig, regions: np.ndarray, floor: float = np.inf) -> None:
         self._shape = regions.shape
@@ -36,12 +36,11 @@ class Rays:
             edge = float(np.cbrt(np.prod(box[1] - box[0]) / _VOXELS))
             axes = [np.arange(a, b, edge) + edge / 2 for a, b in zip(*box, strict=True)]
             centres = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3)
-            seen, shown = np.zeros((2, len(centres)), np.int16)
+            shown = np.zeros(len(centres), np.int16)
             for camera, region in zip(rig, regions, strict=True):
                 inside, row, column, _ = camera.look_up(centres)
-                seen[inside] += 1
                 shown[inside] += region[row, column]
-            hull = centres[(seen >= needed) & (shown >= needed)]
+            hull = centres[shown >= needed]
             if not len(hull):
                 break
             box = hull.min(0) - edge, hull.max(0) + edge
