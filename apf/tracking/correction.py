@@ -10,6 +10,7 @@ from typing import Annotated
 import numpy as np
 from pydantic import ConfigDict, Field
 
+from apf.body.kinematics import posed_joints
 from apf.body.limbs import limb_bones, solve_inverse_kinematics
 from apf.body.model import BodyModel, plain_name
 from apf.likelihood.observations import PointObservations
@@ -169,3 +170,20 @@ def correct_pose(body: BodyModel, pose: np.ndarray, joints: dict[str, Correction
             free[axis.dof] |= bool(chosen)
     found: np.ndarray = solve_inverse_kinematics(body, pose[None], free, wanted, places, near=1e-3)
     return found[0]
+
+
+def hold_corrections(
+    body: BodyModel, pose: np.ndarray, joints: dict[str, Correction]
+) -> np.ndarray:
+    """Return a pose (D,) whose corrected joints, by name, are no farther from their places than the
+    stated errors: each joint that is goes to its error's edge by `correct_pose`."""
+    found = dict(zip(body.joint_names, posed_joints(body, pose[None])[0], strict=True))
+    held, far = dict[str, Correction](), False
+    for name, point in joints.items():
+        goal = np.array(point.position)
+        off = found[name] - goal
+        share = point.error / max(float(np.linalg.norm(off)), point.error)
+        far |= share < 1
+        x, y, z = (goal + share * off).tolist()
+        held[name] = replace(point, position=(x, y, z))
+    return correct_pose(body, pose, held) if far else pose

@@ -17,6 +17,7 @@ from apf.tracking.correction import (
     Correction,
     Corrections,
     correct_pose,
+    hold_corrections,
     list_corrections,
     observe_corrections,
 )
@@ -57,7 +58,7 @@ def apply_corrections(
     From each corrected frame the person is tracked forward and backward, up to the next corrected
     frame or as far as the corrections reach. The first pose is that of the track, with the
     corrected joints put right by inverse kinematics; the joints are further observations of their
-    frame. Between two corrected frames each frame takes the nearer one's estimate. Bad frames are
+    frame, which the silhouettes outweigh at most as far as the stated errors reach. Between two corrected frames each frame takes the nearer one's estimate. Bad frames are
     lost. progress: called with "tracking" after each frame. Raises InputError.
     """
     track = task.track
@@ -126,7 +127,11 @@ def _follow(
     tracker.start(pose)
     run = TrackingTask(body, pose, method, [seed], points)
     for number, observation in observations(session, run):
-        yield number, tracker.step(observation)[0]
+        estimate = tracker.step(observation)[0]
+        if number == frame:  # the others show no correction, see `find_courses`
+            estimate = replace(estimate, pose=hold_corrections(body, estimate.pose, wanted[frame]))
+            tracker.start(estimate.pose)
+        yield number, estimate
         progress("tracking")
 
 

@@ -30,8 +30,8 @@ class Video:
         rate = Fraction(fps).limit_denominator(1001)
         self._stream = self._container.add_stream("libx264", rate=rate)
         self._stream.pix_fmt = "yuv420p"  # browsers play no other format
-        self._stream.options = {
-            "crf": str(quality), "preset": "veryfast", "g": str(_KEY_FRAMES)
+        self._stream.options = {  # with B frames x264 gives several files for the same pictures
+            "crf": str(quality), "preset": "veryfast", "g": str(_KEY_FRAMES), "bf": "0"
         }  # fmt: skip
         if most is not None:
             self._stream.options |= {"maxrate": str(int(most)), "bufsize": str(int(most))}

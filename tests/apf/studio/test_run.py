@@ -22,7 +22,7 @@ from apf.studio.opened import open_track
 from apf.studio.page import Page
 from apf.studio.settings_panel import ChosenSettings
 from apf.studio.work import Work, WorkSlot, free_folder, state_flags
-from apf.tracking.correction import list_corrections
+from apf.tracking.correction import ERROR, list_corrections
 from apf.tracking.track import Track
 from cl import InputError, select_device
 from psfs.cli.program import parse_request
@@ -178,7 +178,7 @@ def test_page_tracks_corrects_and_takes_home(page: Page, take: Path) -> None:
     page.correct.joint.value = "left wrist"
     page.correct.toggle_handle()
     arm = track.joints[1, wrist] - track.joints[1, shoulder]  # may be straight: it is swung
-    goal = track.joints[1, shoulder] + Rotation.from_rotvec([0.15, 0, 0]).apply(arm)
+    goal = track.joints[1, shoulder] + Rotation.from_rotvec([0, 0.15, 0]).apply(arm)
     page.correct.move_handle(goal)
     shown = np.asarray(watch.bodies[track_name(page)].joints.points)[wrist]
     assert np.linalg.norm(shown - goal) < 0.02  # the limb follows the handle
@@ -193,7 +193,7 @@ def test_page_tracks_corrects_and_takes_home(page: Page, take: Path) -> None:
     assert again.succeeded, again.words
     better = Track.open(again.output)
     off = np.linalg.norm(np.stack([t.joints[1, wrist] for t in (track, better)]) - goal, axis=1)
-    assert off[1] < 0.6 * off[0]
+    assert off[1] < ERROR + 1e-3 < 0.5 * off[0]
     assert better.lost.tolist() == [False, False, True]
     assert any("left wrist" in line for line in list_corrections(better))
     summary = json.loads((again.output / "summary.json").read_text())

@@ -17,6 +17,7 @@ from apf.tracking.correction import (
     Correction,
     Corrections,
     correct_pose,
+    hold_corrections,
     observe_corrections,
     read_corrections,
     write_corrections,
@@ -83,6 +84,17 @@ def test_limb_alone_follows_its_joint() -> None:
     assert np.linalg.norm(after[WRIST] - goal) < 0.01
     others = [i for i, name in enumerate(SONG.joint_names) if not name.startswith("l_")]
     assert np.allclose(after[others], before[others], atol=1e-9)
+
+
+def test_joint_stays_within_the_error_of_its_correction() -> None:
+    pose = SONG.rest_pose
+    before = posed_joints(SONG, pose[None])[0][WRIST]
+    goal = before + np.array([0.1, 0.05, 0.05])
+    near = {"l_wrist": Correction(0, "l_wrist", tuple(goal), 0.2)}
+    assert np.array_equal(hold_corrections(SONG, pose, near), pose)
+    held = hold_corrections(SONG, pose, {"l_wrist": Correction(0, "l_wrist", tuple(goal), 0.03)})
+    after = posed_joints(SONG, held[None])[0][WRIST]
+    assert np.linalg.norm(after - goal) == pytest.approx(0.03, abs=0.005)
 
 
 def test_courses_end_midway_between_corrected_frames() -> None:
