@@ -31,7 +31,7 @@ _Number = Annotated[float, Field(ge=-LARGEST, le=LARGEST, strict=True)]
 
 @dataclass(frozen=True)
 class Correction:
-    """A joint's right place in one frame: position (3,) m, error m."""
+    """A joint's right place in one frame: position (3,) m, and how far it may be off, m."""
 
     __pydantic_config__ = ConfigDict(extra="forbid", allow_inf_nan=False)
 

@@ -58,7 +58,8 @@ def apply_corrections(
     From each corrected frame the person is tracked forward and backward, up to the next corrected
     frame or as far as the corrections reach. The first pose is that of the track, with the
     corrected joints put right by inverse kinematics; the joints are further observations of their
-    frame, which the silhouettes outweigh at most as far as the stated errors reach. Between two corrected frames each frame takes the nearer one's estimate. Bad frames are
+    frame, which the silhouettes outweigh at most as far as the stated errors reach. Between two
+    corrected frames each frame takes the nearer one's estimate. Bad frames are
     lost. progress: called with "tracking" after each frame. Raises InputError.
     """
     track = task.track
