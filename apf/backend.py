@@ -5,7 +5,7 @@ The only module beside tests and benchmarks that imports `apf.reference`.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pkgutil import resolve_name
 from typing import Any, Protocol, TypeAlias
 
@@ -65,25 +65,13 @@ def make_tracker(scene: Scene, method: Method) -> Tracker:
     return make_device_tracker(scene, method)
 
 
-def make_device_tracker(
-    scene: Scene, method: Method, seeds: Sequence[int] | None = None
-) -> DeviceTracker:
+def make_device_tracker(scene: Scene, method: Method) -> DeviceTracker:
     """Return the tracker of `method` on OpenCL; only a tracker by voxels needs the scene's grid.
 
-    seeds: one per run that is made at once, allowed if `shares_launches`; by default one run with
-    the method's own seed. Raises DeviceError on a NumpyDevice; InputError for several runs of a
-    method that cannot share launches, or if the scene lacks a grid that is needed.
+    Raises DeviceError on a NumpyDevice; InputError if the scene lacks a grid that is needed.
     """
-    if seeds is not None and not shares_launches(scene.opencl, method):
-        raise InputError(
-            f"seeds {list(seeds)} at once by {method.search} over {method.objective}; expected apf "
-            "over voxels or keypoints"
-        )
     search, objective = SEARCHES[method.search], OBJECTIVES[method.objective]
-    more = {"seeds": seeds} if search.shares_launches else {}
-    return _build_tracker(
-        scene, method, search.tracker, objective.likelihood, len(seeds or [0]), **more
-    )
+    return _build_tracker(scene, method, search.tracker, objective.likelihood)
 
 
 def check_renderer(device: Device | NumpyDevice, method: Method) -> None:
@@ -94,24 +82,16 @@ def check_renderer(device: Device | NumpyDevice, method: Method) -> None:
         egl_context().release()
 
 
-def shares_launches(device: Device | NumpyDevice, method: Method) -> bool:
-    """Return whether one tracker of `method` can make several runs at once."""
-    specs = SEARCHES[method.search], OBJECTIVES[method.objective]
-    return all(spec.shares_launches for spec in specs) and isinstance(device, Device)
-
-
 def _make_numpy_tracker(scene: Scene, method: Method) -> NumpyTracker:
     check_renderer(scene.device, method)
     search, objective = SEARCHES[method.search], OBJECTIVES[method.objective]
-    return _build_tracker(scene, method, search.twin, objective.twin, 1)
+    return _build_tracker(scene, method, search.twin, objective.twin)
 
 
-def _build_tracker(
-    scene: Scene, method: Method, tracker: str, likelihood: str, n_runs: int, **more: object
-) -> Any:
+def _build_tracker(scene: Scene, method: Method, tracker: str, likelihood: str) -> Any:
     """Return a tracker with its likelihood, both by name, with the settings of its search."""
-    more |= {name: getattr(method, name) for name in SEARCHES[method.search].settings}
-    scored = resolve_name(likelihood)(scene, method, n_runs)
+    more = {name: getattr(method, name) for name in SEARCHES[method.search].settings}
+    scored = resolve_name(likelihood)(scene, method)
     return resolve_name(tracker)(scene, likelihood=scored, config=method.filter, **more)
 
 

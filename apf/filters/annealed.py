@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 from apf.filters.base import DeviceTracker
 from apf.filters.config import FilterConfig
 from apf.filters.method import Method
@@ -17,32 +15,27 @@ from apf.scene import Scene
 from cl import Step
 
 
-def make_voxel_likelihood(scene: Scene, config: FilterConfig, n_runs: int = 1) -> Likelihood:
-    """Return the voxel likelihood for `n_runs` runs of a filter; include the keypoint term if its
-    weight is not 0."""
-    voxels = VoxelLikelihood(scene, config.likelihood, config.search.n_particles, n_runs)
-    return add_keypoint_term(scene, config, voxels, n_runs)
+def make_voxel_likelihood(scene: Scene, config: FilterConfig) -> Likelihood:
+    """Return the voxel likelihood; include the keypoint term if its weight is not 0."""
+    voxels = VoxelLikelihood(scene, config.likelihood, config.search.n_particles)
+    return add_keypoint_term(scene, config, voxels)
 
 
-def add_keypoint_term(
-    scene: Scene, config: FilterConfig, base: Likelihood | None, n_runs: int = 1
-) -> Likelihood:
+def add_keypoint_term(scene: Scene, config: FilterConfig, base: Likelihood | None) -> Likelihood:
     """Add the keypoint term to the likelihood `base` if the term's weight is not 0.
 
     If `base` is None, return the likelihood of the keypoints alone."""
     if base is not None and config.keypoints.weight == 0:
         return base
     posture, n = config.likelihood.posture_prior_weight, config.search.n_particles
-    return KeypointLikelihood(scene, config.keypoints, posture, n, base, n_runs)
+    return KeypointLikelihood(scene, config.keypoints, posture, n, base)
 
 
 class AnnealedParticleFilter(DeviceTracker):
     """Annealed particle filter that tracks a body by its voxels.
 
     If a `likelihood` is given, the filter tracks by what that observes, for example image features,
-    and the scene needs no grid. With several `seeds` the filter makes one run per seed at once, see
-    `step_runs`; each run is bit-equal to a filter with that seed alone. A given likelihood must
-    then hold the particles of all runs. Twin: reference/filters/annealed.py.
+    and the scene needs no grid. Twin: reference/filters/annealed.py.
     """
 
     def __init__(
@@ -51,12 +44,11 @@ class AnnealedParticleFilter(DeviceTracker):
         config: FilterConfig | None = None,
         *,
         likelihood: Likelihood | None = None,
-        seeds: Sequence[int] | None = None,
     ) -> None:
         config = config or FilterConfig()
         if likelihood is None:
-            likelihood = make_voxel_likelihood(scene, config, len(seeds or [0]))
-        particles = ParticleSet(scene.opencl, scene.body, config.search, seeds)
+            likelihood = make_voxel_likelihood(scene, config)
+        particles = ParticleSet(scene.opencl, scene.body, config.search)
         super().__init__(scene, likelihood, particles, config)
 
     def _search(self, source: int) -> list[Step]:
@@ -68,18 +60,18 @@ class AnnealedParticleFilter(DeviceTracker):
         return launches
 
 
-def build_voxel_objective(scene: Scene, method: Method, n_runs: int) -> Likelihood:
+def build_voxel_objective(scene: Scene, method: Method) -> Likelihood:
     """Return the voxels' likelihood of `method`, with the keypoints' if that has a weight."""
-    return make_voxel_likelihood(scene, method.filter, n_runs)
+    return make_voxel_likelihood(scene, method.filter)
 
 
-def build_keypoint_objective(scene: Scene, method: Method, n_runs: int) -> Likelihood:
+def build_keypoint_objective(scene: Scene, method: Method) -> Likelihood:
     """Return the keypoints' likelihood of `method` alone."""
-    return add_keypoint_term(scene, method.filter, None, n_runs)
+    return add_keypoint_term(scene, method.filter, None)
 
 
-def build_image_objective(scene: Scene, method: Method, n_runs: int) -> Likelihood:
+def build_image_objective(scene: Scene, method: Method) -> Likelihood:
     """Return the image objective of `method`, with the keypoints' if that has a weight."""
     objective = OpenGLObjective if method.image.renderer == "opengl" else ImageObjective
     base = objective(scene, method.filter.search.n_particles, method.image)
-    return add_keypoint_term(scene, method.filter, base, n_runs)
+    return add_keypoint_term(scene, method.filter, base)

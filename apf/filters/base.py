@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cache
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -97,7 +95,7 @@ class Tracker:
 
 
 class DeviceTracker(Tracker):
-    """Tracker on an OpenCL device, of one run or of several runs at once.
+    """Tracker on an OpenCL device.
 
     The host enqueues a frame without waiting and downloads only the estimates. Subclasses implement
     `_search(source)`, which returns the launches that diffuse and score the particles.
@@ -110,13 +108,13 @@ class DeviceTracker(Tracker):
         self.device = device = scene.opencl
         self.likelihood = likelihood
         self.particles = particles
-        self._limb_search = LimbSearch(device, scene.body, likelihood, config, particles.seeds)
-        self._misfits = likelihood.misfits
-        if self._misfits is None:
-            self._misfits = device.to_device(np.full(particles.n_runs, np.nan, np.float32))
+        self._limb_search = LimbSearch(device, scene.body, likelihood, config)
+        self._misfit = likelihood.misfits
+        if self._misfit is None:
+            self._misfit = device.to_device(np.full(1, np.nan, np.float32))
         search = self._limb_search
         parts = (particles.result, search.information, search.candidates, search.errors)
-        size = sum(part.size for part in parts) + particles.n_runs
+        size = sum(part.size for part in parts) + 1
         self._report = device.empty((size,), np.float32)
         self._download = Download(self._report)
         # With an odd number of layers, frames end in alternating sets.
@@ -136,31 +134,21 @@ class DeviceTracker(Tracker):
             part.change_body(body)
 
     def start(self, pose: np.ndarray) -> None:
-        """Put all particles of all runs at `pose` (D,). Raises InputError for an impossible one."""
+        """Put all particles at `pose` (D,). Raises InputError for an impossible one."""
         self._settle()
         self.particles.start(check_pose(self.body, pose))
         self._n_frames = 0
         self.likelihood.forget()
 
-    def restart(self, run: int, pose: np.ndarray) -> None:
-        """Put all particles of one run at `pose` (D,), while the others go on."""
-        self._settle()
-        self.particles.restart(run, check_pose(self.body, pose))
-        self.likelihood.forget(run)
-
     def step(
         self, observation: Observation, keypoints: PointObservations | None = None
     ) -> Estimate:
-        """Track one frame further and return the first run's estimate."""
-        return self.step_runs(with_points(observation, keypoints))[0]
-
-    def step_runs(self, observation: Observation) -> list[Estimate]:
-        """Track one frame further and return each run's estimate."""
-        self.observe(observation)
-        return self.search_runs()
+        self.observe(with_points(observation, keypoints))
+        self.enqueue_search()
+        return self.fetch_estimate()()
 
     def stream(self, observations: Iterable[Observation]) -> Iterator[Estimate]:
-        """Yield the first run's estimate for each of `observations`.
+        """Yield the estimate for each of `observations`.
 
         The next observation is fetched while the device searches; on a GPU a second queue also
         prepares it in that time. Fetching may overwrite the previous observation, as
@@ -168,13 +156,9 @@ class DeviceTracker(Tracker):
         overwritten, and the search of the next frame has begun: `push` and `widen` take effect one
         frame later, and a stream that the caller stops early has searched one frame more.
         """
-        return (estimates[0] for estimates in self.stream_runs(observations))
-
-    def stream_runs(self, observations: Iterable[Observation]) -> Iterator[list[Estimate]]:
-        """Yield each run's estimate for each of `observations`, see `stream`."""
         self._settle()
         queue = self.device.new_queue() if self.device.is_gpu else self.device.queue
-        under_way: Callable[[], list[Estimate]] | None = None
+        under_way: Callable[[], Estimate] | None = None
         for observation in observations:
             (following,) = begin_searches([self], [self.likelihood.prepare(observation)], queue)
             if under_way is not None:
@@ -188,41 +172,34 @@ class DeviceTracker(Tracker):
         self._settle()
         self.likelihood.observe(observation)
 
-    def search_runs(self) -> list[Estimate]:
-        """Return each run's estimate for what was observed, the second half of `step_runs`."""
-        self.enqueue_search()
-        return self.fetch_estimates()()
-
     def enqueue_search(self, queue: Any = None) -> None:
-        """Enqueue the launches of the search, the first half of `search_runs`. queue: the queue
-        that is enqueued on, if that is not the device's own."""
+        """Enqueue the search in what was observed. queue: that is enqueued on, if it is not the
+        device's own."""
         for step in self._layers[self._n_frames % 2]:
             step()
         self._n_frames += 1
         if queue is not None:
             self._streaming = queue
 
-    def fetch_estimates(self) -> Callable[[], list[Estimate]]:
-        """Enqueue the download of the estimates, the second half of `search_runs`; return a
-        function that waits for them and returns each run's."""
+    def fetch_estimate(self) -> Callable[[], Estimate]:
+        """Enqueue the download of the estimate; return a function that waits for it and returns
+        it."""
         report, n_layers = self._download.fetch(), self.particles.config.n_layers
-        return lambda: unpack_report(report(), self.body, self.particles.n_runs, n_layers)
+        return lambda: unpack_report(report(), self.body, n_layers)
 
     def score_poses(self, poses: np.ndarray) -> np.ndarray:
-        """Score poses (N, D) against the last observation; return errors (N,) in the likelihood's
-        `unit`. Average them over the runs, as each run has its own colour model."""
         self._settle()
-        n, n_runs = len(poses), self.particles.n_runs
+        n = len(poses)
         if n not in self._judging:
-            given = self.device.empty((n_runs * n, *poses.shape[1:]), np.float32, "poses to judge")
-            errors = self.device.empty((n_runs * n,), np.float32)
+            given = self.device.empty(poses.shape, np.float32, "poses to judge")
+            errors = self.device.empty((n,), np.float32)
             launches = self.likelihood.rescoring_launcher(given, errors)
             self._judging[n] = given, errors, launches
         given, errors, launches = self._judging[n]
-        given.set(np.tile(poses.astype(np.float32), (n_runs, 1)))
+        given.set(poses.astype(np.float32))
         for launch in launches:
             launch()
-        return errors.get().reshape(n_runs, n).mean(0) / self.likelihood.unit
+        return errors.get() / self.likelihood.unit
 
     def widen(self, factor: float) -> None:
         """Spread the next frames' particles by `factor` times the noise of the config."""
@@ -243,10 +220,10 @@ class DeviceTracker(Tracker):
     def _frame_launches(self, source: int) -> list[Step]:
         """Return the launches of a frame that starts from the particles in set `source`."""
         particles, limb_search, likelihood = self.particles, self._limb_search, self.likelihood
-        assert self._misfits is not None
+        assert self._misfit is not None
         frame, result = particles.frame, particles.result
         search, learning = self._search(source), likelihood.learning_launcher(result)
-        if limb_search.writes_misfits:
+        if limb_search.writes_misfit:
             end = particles.frame_end(self._report)
             return [
                 *search,
@@ -260,7 +237,7 @@ class DeviceTracker(Tracker):
             *learning,
             particles.end_frame(
                 limb_search.shift, limb_search.information, limb_search.candidates,
-                limb_search.errors, self._misfits, self._report,
+                limb_search.errors, self._misfit, self._report,
             ),
         ]  # fmt: skip
 
@@ -270,10 +247,10 @@ class DeviceTracker(Tracker):
 
 def begin_searches(
     trackers: Sequence[DeviceTracker], shows: Sequence[Step], queue: Any
-) -> list[Callable[[], list[Estimate]]]:
+) -> list[Callable[[], Estimate]]:
     """Enqueue on `queue` the searches of the trackers of one device in the frame that each one's
     `likelihood.prepare` prepared and `shows` show; return, for each tracker, a function that waits
-    for its search and returns each run's estimate."""
+    for its search and returns the estimate."""
     device = trackers[0].device
     with device.enqueue_on(queue) as own:
         for show in shows:
@@ -281,7 +258,7 @@ def begin_searches(
         device.make_wait(own)  # the next observations overwrite these
         for tracker in trackers:
             tracker.enqueue_search(queue)
-        return [tracker.fetch_estimates() for tracker in trackers]
+        return [tracker.fetch_estimate() for tracker in trackers]
 
 
 def check_pose(body: BodyModel, pose: np.ndarray) -> np.ndarray:
@@ -304,38 +281,18 @@ def _symmetric_indices(n: int) -> np.ndarray:
     return np.maximum(indices, indices.T)
 
 
-def unpack_report(
-    report: np.ndarray, body: BodyModel, n_runs: int, n_layers: int
-) -> list[Estimate]:
-    """Return each run's Estimate from the downloaded `report`.
+def unpack_report(report: np.ndarray, body: BodyModel, n_layers: int) -> Estimate:
+    """Return the Estimate from the downloaded `report`.
 
-    The report holds, each for all runs: `ParticleSet.result` of `n_layers` layers, the lower
-    triangle of `Estimate.information` row by row, candidates, their errors, misfits."""
+    The report holds `ParticleSet.result` of `n_layers` layers, the lower triangle of
+    `Estimate.information` row by row, candidates, their errors, and the misfit."""
     report, n_dof = report.astype(np.float64), body.n_dof
-    poses, deviations, layers, packed, candidates, errors, misfits = [
-        report[part].reshape(shape)
-        for part, shape in _report_parts(report.size, n_dof, n_runs, n_layers)
-    ]
-    estimates = []
-    for run in range(n_runs):
-        ess, beta, error = layers[:, run].T
-        information = packed[run].take(_symmetric_indices(n_dof))
-        found = (poses[run], deviations[run], ess, beta, error, information)
-        chosen_from = candidates[run], errors[run]
-        estimates.append(Estimate(body, *found, *chosen_from, float(misfits[run])))
-    return estimates
-
-
-@cache
-def _report_parts(
-    size: int, n_dof: int, n_runs: int, n_layers: int
-) -> list[tuple[slice, tuple[int, ...]]]:
-    """Return the place of each part in a report of `size` numbers, and its shape."""
     n_information = n_dof * (n_dof + 1) // 2
-    others = n_runs * (2 * n_dof + 3 * n_layers + n_information)
-    n_candidates = ((size - others) // n_runs - 1) // (n_dof + 1)
-    shapes: list[tuple[int, ...]] = [(n_runs, n_dof), (n_runs, n_dof), (n_layers, n_runs, 3)]
-    shapes += [(n_runs, n_information), (n_runs, n_candidates, n_dof), (n_runs, n_candidates)]
-    shapes.append((n_runs,))
-    ends = np.cumsum([0, *map(math.prod, shapes)]).tolist()
-    return [(slice(*pair), shape) for pair, shape in zip(pairwise(ends), shapes, strict=True)]
+    n_candidates = (report.size - 2 * n_dof - 3 * n_layers - n_information - 1) // (n_dof + 1)
+    sizes = (n_dof, n_dof, 3 * n_layers, n_information, n_candidates * n_dof, n_candidates)
+    pose, deviation, layers, packed, candidates, errors, misfit = np.split(report, np.cumsum(sizes))
+    ess, beta, error = layers.reshape(n_layers, 3).T
+    information = packed[_symmetric_indices(n_dof)]
+    chosen_from = candidates.reshape(n_candidates, n_dof), errors
+    found = (pose, deviation, ess, beta, error, information)
+    return Estimate(body, *found, *chosen_from, float(misfit[0]))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -46,12 +46,10 @@ class LimbSearch(Stage):
     lost: particles near the estimate do not reach the limb, and widely spread particles are wrong
     in the rest of the body. Twin: reference/filters/limb_search.py.
 
-    seeds: one per run, by default that of the config; the R runs are independent. `shift`: device
-    array (R, D), estimates minus means. `information`: (R, D (D + 1) / 2) of `Refinement` for the
-    accepted poses. Both are zero without refinement. `candidates` (R K, D): for each run the
-    refined mean, then the results of each limb's two searches; K = 1 without limb search.
-    `errors` (R K,): errors of the candidates. writes_misfits: whether the limb search writes the
-    likelihood's `misfits`.
+    `shift`: device array (D,), estimate minus mean. `information`: (D (D + 1) / 2,) of `Refinement`
+    for the accepted pose. Both are zero without refinement. `candidates` (K, D): the refined mean,
+    then the results of each limb's two searches; K = 1 without limb search. `errors` (K,): errors
+    of the candidates. writes_misfit: whether the limb search writes the likelihood's `misfits`.
     """
 
     kernels = "tracking/limb_search"
@@ -62,7 +60,6 @@ class LimbSearch(Stage):
         body: BodyModel,
         likelihood: Likelihood,
         config: FilterConfig,
-        seeds: Sequence[int] | None = None,
     ) -> None:
         self.config, self.likelihood = config, likelihood
         self.n_dof = n = body.n_dof
@@ -70,15 +67,12 @@ class LimbSearch(Stage):
         limbs = limb_masks(body)
         is_used = config.searches_limbs and likelihood.refines
         self._n_limbs = len(limbs) if is_used else 0
-        self._per_run = 1 + 2 * self._n_limbs
+        self._n_candidates = n_candidates = 1 + 2 * self._n_limbs
         self._group = GROUP if device.is_gpu else ALONG
         n_limbs = max(1, self._n_limbs)
-        known = {"N_LIMBS": n_limbs, "CANDIDATES": self._per_run} if device.is_gpu else {}
+        known = {"N_LIMBS": n_limbs, "CANDIDATES": n_candidates} if device.is_gpu else {}
         super().__init__(device, N_DOF=n, GROUP=self._group, **known)
-        self._sizes = {"n_limbs": n_limbs, "n_candidates": self._per_run}
-        seeds = tuple(seeds or [config.search.seed])
-        self._n_runs = n_runs = len(seeds)
-        n_candidates = n_runs * self._per_run
+        self._sizes = {"n_limbs": n_limbs, "n_candidates": n_candidates}
         self._refinement = Refinement(
             device, body, config, n_candidates, voxels=likelihood.points is not None,
             observed=likelihood.observed,
@@ -86,24 +80,24 @@ class LimbSearch(Stage):
         self._by_points: Refinement | None = None
         if likelihood.observed is not None and self._n_limbs:
             self._by_points = Refinement(
-                device, body, config, n_runs, voxels=False, observed=likelihood.observed,
+                device, body, config, 1, voxels=False, observed=likelihood.observed,
                 fit=config.point_fit,
             )  # fmt: skip
         self.candidates = device.zeros((n_candidates, n), np.float32)
         self.errors = device.zeros((n_candidates,), np.float32)
-        self.writes_misfits = self._n_limbs > 0 and likelihood.misfits_of_all
+        self.writes_misfit = self._n_limbs > 0 and likelihood.misfits_of_all
         self._all_misfits = None
-        if self.writes_misfits:
+        if self.writes_misfit:
             self._all_misfits = device.zeros((n_candidates,), np.float32)
         self._limbs = device.to_device(np.array([*limbs, np.zeros(n, bool)], np.uint8))
-        n_poses = n_runs * self._n_particles if self._n_limbs else 1
+        n_poses = self._n_particles if self._n_limbs else 1
         self._poses = device.empty((n_poses, n), np.float32, "the limbs' poses")
         self._sigma = device.to_device(body.sigma.astype(np.float32))
         self._limits = device.to_device(body.limits)
         self._ranges = device.to_device(limb_ranges(body).astype(np.float32))
-        self._seeds = device.to_device(seed_words(seeds))
-        self.shift = device.zeros((n_runs, n), np.float32)
-        self.information = device.zeros((n_runs, n * (n + 1) // 2), np.float32)
+        self._seed = device.to_device(seed_words(config.search.seed))
+        self.shift = device.zeros((n,), np.float32)
+        self.information = device.zeros((n * (n + 1) // 2,), np.float32)
 
     def change_body(self, body: BodyModel) -> None:
         """Search for the limbs of `body`, which differs from the one before in numbers alone."""
@@ -117,10 +111,10 @@ class LimbSearch(Stage):
     def launcher(
         self, frame: Array, result: Array, end: Mapping[str, Argument] | None = None
     ) -> list[Launch]:
-        """Return the launches of the search, which overwrite the means, `result[:R * D]`.
+        """Return the launches of the search, which overwrite the mean, `result[:D]`.
 
-        frame: (R,) uint32 frame numbers, part of the random numbers' counters. end: see
-        `ParticleSet.frame_end`, if the last launch ends the frame; this needs `writes_misfits`.
+        frame: (1,) uint32 frame number, part of the random numbers' counters. end: see
+        `ParticleSet.frame_end`, if the last launch ends the frame; this needs `writes_misfit`.
         """
         likelihood, candidates = self.likelihood, self.candidates
         if self.config.refinement.steps == 0 or not likelihood.refines:
@@ -148,18 +142,18 @@ class LimbSearch(Stage):
         return [*launches, self._accept(result, end or {})]
 
     def _propose(self, frame: Array, result: Array, poses: Array) -> Launch:
-        n = poses.shape[0] // self._n_runs
+        n = poses.shape[0]
         return self.launch(
             "propose",
-            (self.n_dof, n, self._n_runs),
-            (32, 8, 1),
+            (self.n_dof, n),
+            (32, 8),
             n_limbs=self._sizes["n_limbs"],
             n=n,
             n_near=count_near(n),
             layer=self.config.search.n_layers,
             reach=self.config.limb_search.reaches[0],
-            seeds=self._seeds,
-            frames=frame,
+            seed=self._seed,
+            frame=frame,
             sigma=self._sigma,
             limits=self._limits,
             ranges=self._ranges,
@@ -174,15 +168,15 @@ class LimbSearch(Stage):
         reaches, following = self.config.limb_search.reaches, round + 1
         return self.launch(
             "choose",
-            (self._group * self._per_run, self._n_runs),
-            (self._group, 1),
+            (self._group * self._n_candidates,),
+            (self._group,),
             **self._sizes,
             n=self._n_particles,
             n_near=count_near(self._n_particles),
             layer=self.config.search.n_layers + following,
             reach=reaches[following] if following < len(reaches) else 0.0,
-            seeds=self._seeds,
-            frames=frame,
+            seed=self._seed,
+            frame=frame,
             sigma=self._sigma,
             limits=self._limits,
             limbs=self._limbs,
@@ -193,20 +187,19 @@ class LimbSearch(Stage):
 
     def _accept(self, result: Array, end: Mapping[str, Argument]) -> Launch:
         without: dict[str, Argument] = {"velocity": 0.0, "n_result": 0, "n_report": 0}
-        without |= {"frames": None, "motion": None, "report": None}
+        without |= {"frame": None, "motion": None, "report": None}
         return self.launch(
             "accept",
             (self._group,),
             (self._group,),
             **self._sizes,
             **without | dict(end),
-            n_runs=self._n_runs,
             margins=MARGINS,
             errors=self.errors,
             candidates=self.candidates,
             informations=self._refinement.information,
             all_misfits=self._all_misfits,
-            misfits=self.likelihood.misfits if self.writes_misfits else None,
+            misfit=self.likelihood.misfits if self.writes_misfit else None,
             result=result,
             shift=self.shift,
             information=self.information,

@@ -21,10 +21,10 @@ Observes = Literal["voxels", "images", "nothing"]
 class ObjectiveSpec:
     """An objective as it is registered: in `OBJECTIVES`, or by an entry point of a package.
 
-    name: by which --objective chooses it. likelihood, twin: functions (scene, method, number of
-    runs) that return a `Likelihood` and a `NumpyLikelihood`, as "package.module:function"; they are
+    name: by which --objective chooses it. likelihood, twin: functions (scene, method)
+    that return a `Likelihood` and a `NumpyLikelihood`, as "package.module:function"; they are
     imported when they are used. settings: classes of the objective's own, each a part of `Method`
-    by that name. shares_launches: whether the likelihood has room for several runs.
+    by that name.
     """
 
     name: str
@@ -32,7 +32,6 @@ class ObjectiveSpec:
     likelihood: str
     twin: str
     settings: Mapping[str, type] = field(default_factory=dict)
-    shares_launches: bool = False
 
 
 _OF_VOXELS = (
@@ -41,14 +40,12 @@ _OF_VOXELS = (
         "voxels",
         likelihood="apf.filters.annealed:build_voxel_objective",
         twin="apf.reference.filters.annealed:build_voxel_objective",
-        shares_launches=True,
     ),
     ObjectiveSpec(
         "keypoints",
         "nothing",
         likelihood="apf.filters.annealed:build_keypoint_objective",
         twin="apf.reference.filters.annealed:build_keypoint_objective",
-        shares_launches=True,
     ),
 )
 #: Rymut 2016 eq. (4.46)-(4.50).

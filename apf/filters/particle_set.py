@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 
 import numpy as np
 
@@ -14,7 +13,7 @@ from cl import Array, Device, Launch, Stage
 from cl.signature import Argument
 from cl.workgroups import pack_defines
 
-#: Work-items that anneal all particles of a run: a work-group size that devices support.
+#: Work-items that anneal all particles: a work-group size that devices support.
 _LARGEST_GROUP = 1024
 #: Particles that a CPU's work-group diffuses: PoCL alone would make one group, on one core.
 _CHILDREN = 8
@@ -28,14 +27,12 @@ LOG2_BETA_LIMIT = 20.0
 
 
 class ParticleSet(Stage):
-    """Particles of R independent runs on the device, with their weights and parents.
+    """N particles on the device, with their weights and parents.
 
-    seeds: one per run; by default one run with the seed of the config. Each run has n_particles
-    particles, all runs together N. `sets`: two pose arrays (N, D); each layer diffuses one into the
-    other. `result`: what the host reads after a frame: means (R, D), deviations (R, D), then
-    effective sample size, beta and least error per layer and run. `parents` (N,): parents of the
-    next layer, as particle numbers within the run. `motion` (R, D, 2): last estimate, and shift of
-    the next frame's particles. `frame` (R,): frame counters.
+    `sets`: two pose arrays (N, D); each layer diffuses one into the other. `result`: what the host
+    reads after a frame: mean (D,), deviation (D,), then effective sample size, beta and least error
+    per layer. `parents` (N,): parents of the next layer. `motion` (D, 2): last estimate, and shift
+    of the next frame's particles. `frame` (1,): number of the frame.
     """
 
     kernels = "tracking/annealing"
@@ -45,26 +42,23 @@ class ParticleSet(Stage):
         device: Device,
         body: BodyModel,
         config: SearchConfig,
-        seeds: Sequence[int] | None = None,
     ) -> None:
         defines = _defines(device, config.n_particles, body.n_dof)
         super().__init__(device, **defines, LOG2_BETA_LIMIT=LOG2_BETA_LIMIT)
         self.config = config
         self.n_dof = body.n_dof
-        self.seeds = tuple(seeds or [config.seed])
-        self.n_runs = n_runs = len(self.seeds)
-        n = n_runs * config.n_particles
+        n = config.n_particles
         self._group, self._pack = defines["GROUP"], defines["PACK"]
         self.sets = [device.empty((n, body.n_dof), np.float32, "the particles") for _ in range(2)]
         self.weights = device.empty((n,), np.float32, "the weights")
-        self.result = device.zeros((n_runs * (2 * body.n_dof + 3 * config.n_layers),), np.float32)
+        self.result = device.zeros((2 * body.n_dof + 3 * config.n_layers,), np.float32)
         self.parents = device.empty((n,), np.int32, "the parents")
-        self.motion = device.zeros((n_runs, body.n_dof, 2), np.float32)
-        self.frame = device.zeros((n_runs,), np.uint32)
+        self.motion = device.zeros((body.n_dof, 2), np.float32)
+        self.frame = device.zeros((1,), np.uint32)
         self._sigmas = device.to_device(layer_sigmas(body, config).astype(np.float32))
         self._limits = device.to_device(body.limits)
         self._diffusions: list[tuple[int, Launch]] = []
-        self._seeds = device.to_device(seed_words(self.seeds))
+        self._seed = device.to_device(seed_words(config.seed))
 
     def change_body(self, body: BodyModel) -> None:
         """Use the sigmas and limits of `body` from now on."""
@@ -72,23 +66,12 @@ class ParticleSet(Stage):
         self._limits.set(body.limits)
 
     def start(self, pose: np.ndarray) -> None:
-        """Put all particles of all runs at `pose` (D,), frame number 0."""
-        n = self.config.n_particles
+        """Put all particles at `pose` (D,), frame number 0."""
         for poses in self.sets:
             poses.set(np.tile(pose.astype(np.float32), (poses.shape[0], 1)))
-        self.parents.set(np.tile(np.arange(n, dtype=np.int32), self.n_runs))
+        self.parents.set(np.arange(self.config.n_particles, dtype=np.int32))
         self.frame.fill(0)
         self.motion.fill(0)
-
-    def restart(self, run: int, pose: np.ndarray) -> None:
-        """Put all particles of one run at `pose` (D,), its frame number 0; wait for the device."""
-        n = self.config.n_particles
-        particles = slice(run * n, (run + 1) * n)
-        for poses in self.sets:
-            _replace(poses, particles, pose.astype(np.float32))
-        _replace(self.parents, particles, np.arange(n, dtype=np.int32))
-        _replace(self.frame, slice(run, run + 1), np.uint32(0))
-        _replace(self.motion, slice(run, run + 1), np.float32(0))
 
     def renew(self, layer: int, errors: Array, source: int) -> list[Launch]:
         """Return the launches that end a layer and, unless it is the last, diffuse the next.
@@ -112,13 +95,13 @@ class ParticleSet(Stage):
         n_packs = -(-self.n_dof // self._pack)
         launch = self.launch(
             "diffuse",
-            (n_packs, self.config.n_particles, self.n_runs),
-            (32, 8, 1) if self.device.is_gpu else (n_packs, _CHILDREN, 1),
+            (n_packs, self.config.n_particles),
+            (32, 8) if self.device.is_gpu else (n_packs, _CHILDREN),
             n=self.config.n_particles,
             layer=layer,
             noise=self.config.layer_noise[layer],
-            seeds=self._seeds,
-            frames=self.frame,
+            seed=self._seed,
+            frame=self.frame,
             sigmas=self._sigmas,
             limits=self._limits,
             motion=self.motion,
@@ -142,15 +125,15 @@ class ParticleSet(Stage):
         """
         return self.launch(
             "anneal",
-            (self._group * self.n_runs,),
+            (self._group,),
             (self._group,),
             n=self.config.n_particles,
             layer=layer,
             last=layer == self.config.n_layers - 1,
             survival_rate=self.config.survival_rates[layer],
             given_beta=beta,
-            seeds=self._seeds,
-            frames=self.frame,
+            seed=self._seed,
+            frame=self.frame,
             errors=errors,
             weights=self.weights,
             parents=self.parents,
@@ -163,19 +146,19 @@ class ParticleSet(Stage):
         On a GPU it is faster to repeat the annealing in every work-group than to launch twice."""
         config, n = self.config, self.config.n_particles
         n_packs = -(-self.n_dof // self._pack)
-        n_groups = min(n * n_packs // self._group, self.device.info.compute_units // self.n_runs)
+        n_groups = min(n * n_packs // self._group, self.device.info.compute_units)
         share = -(-n // max(1, n_groups))
         launch = self.launch(
             "anneal_diffuse",
-            (-(-n // share) * self._group, self.n_runs),
-            (self._group, 1),
+            (-(-n // share) * self._group,),
+            (self._group,),
             n=n,
             layer=layer,
             noise=config.layer_noise[layer + 1],
             share=share,
             survival_rate=config.survival_rates[layer],
-            seeds=self._seeds,
-            frames=self.frame,
+            seed=self._seed,
+            frame=self.frame,
             sigmas=self._sigmas,
             limits=self._limits,
             errors=errors,
@@ -193,8 +176,8 @@ class ParticleSet(Stage):
         al. eq. 12)."""
         return self.launch(
             "estimate",
-            (self.n_dof * self._group, self.n_runs),
-            (self._group, 1),
+            (self.n_dof * self._group,),
+            (self._group,),
             n=self.config.n_particles,
             weights=self.weights,
             poses=self.sets[source],
@@ -207,7 +190,7 @@ class ParticleSet(Stage):
             "velocity": self.config.velocity,
             "n_result": self.result.size,
             "n_report": report.size,
-            "frames": self.frame,
+            "frame": self.frame,
             "motion": self.motion,
             "report": report,
         }
@@ -218,31 +201,30 @@ class ParticleSet(Stage):
         information: Array,
         candidates: Array,
         errors: Array,
-        misfits: Array,
+        misfit: Array,
         report: Array,
     ) -> Launch:
         """Return the launch that ends the frame.
 
-        It adds `shift` (R, D) and the motion to the next frame's particles and writes all that the
-        host reads to `report` (n,): `result`, `information` (R, ..), the limb search's `candidates`
-        (R K, D), their `errors` (R K,), `misfits` (R,)."""
+        It adds `shift` (D,) and the motion to the next frame's particles and writes all that the
+        host reads to `report` (n,): `result`, `information`, the limb search's `candidates` (K, D),
+        their `errors` (K,), `misfit` (1,)."""
         return self.launch(
             "end_frame",
             (report.size,),
             (64,),
-            n_runs=self.n_runs,
             velocity=self.config.velocity,
             n_result=self.result.size,
             n_information=information.size,
             n_candidates=candidates.size,
             n_errors=errors.size,
-            frames=self.frame,
+            frame=self.frame,
             result=self.result,
             shift=shift,
             information=information,
             candidates=candidates,
             errors=errors,
-            misfits=misfits,
+            misfit=misfit,
             motion=self.motion,
             report=report,
         )
@@ -273,12 +255,6 @@ def layer_sigmas(body: BodyModel, config: SearchConfig) -> np.ndarray:
     return sigmas
 
 
-def seed_words(seeds: Sequence[int]) -> np.ndarray:
-    """Return (R, 2) uint32: lower and upper half of each seed."""
-    return np.array([[seed & 0xFFFFFFFF, seed >> 32] for seed in seeds], np.uint32)
-
-
-def _replace(array: Array, rows: slice, value: np.ndarray | np.generic) -> None:
-    host = array.get()
-    host[rows] = value
-    array.set(host)
+def seed_words(seed: int) -> np.ndarray:
+    """Return (2,) uint32: lower and upper half of a seed."""
+    return np.array([seed & 0xFFFFFFFF, seed >> 32], np.uint32)

@@ -22,7 +22,7 @@ class SearchSpec:
     `NumpyTracker`, as "package.module:Class", which take scene, likelihood=, config= and, by their
     names, settings; they are imported when they are used. settings: classes of the search's own,
     each a part of `Method` by that name. defaults: that it changes in `FilterConfig`, by the names
-    of `FilterConfig.create`. shares_launches: whether the tracker takes seeds= of several runs.
+    of `FilterConfig.create`.
     """
 
     name: str
@@ -31,7 +31,6 @@ class SearchSpec:
     twin: str
     settings: Mapping[str, type] = field(default_factory=dict)
     defaults: Mapping[str, object] = field(default_factory=dict)
-    shares_launches: bool = False
 
 
 class SwarmConfig(Config):
@@ -87,7 +86,6 @@ _ANNEALED = SearchSpec(
     "annealed particle filter",
     tracker="apf.filters.annealed:AnnealedParticleFilter",
     twin="apf.reference.filters.annealed:NumpyAnnealedParticleFilter",
-    shares_launches=True,
 )
 _SWARM = SearchSpec(
     "pso",

@@ -45,7 +45,7 @@ class Swarm(ParticleSet):
             inertia=self.swarm.inertia,
             cognitive=self.swarm.cognitive,
             social=self.swarm.social,
-            seed=self._seeds,
+            seed=self._seed,
             frame=self.frame,
             limits=self._limits,
             result=self.result,

@@ -30,7 +30,7 @@ class Likelihood:
     for unused rows. None: estimates are not fitted to a surface.
     observed: observed points of the body that estimates are fitted to. None: there are none.
     unit: contribution of a term with weight 1 to `errors`, for terms that are added later.
-    misfits: (R,) float32 of R runs, written by `misfit_launcher`. None: the likelihood has none.
+    misfits: (1,) float32, written by `misfit_launcher`. None: the likelihood has none.
     misfits_of_all: whether `rescoring_launcher` can write misfits, too.
 
     The misfit of a pose is an absolute measure of fit, from 0 (perfect) to 2: the share of the body
@@ -85,8 +85,7 @@ class Likelihood:
         return False
 
     def misfit_launcher(self, poses: Array) -> list[Launch]:
-        """Return the launches that write the misfits of the first R of `poses` (.., D) to
-        `misfits`."""
+        """Return the launches that write the misfit of the first of `poses` (.., D)."""
         return []
 
     def learning_launcher(self, pose: Array) -> list[Launch]:
@@ -98,5 +97,5 @@ class Likelihood:
         """Score poses of `body`, which differs from the scene's in numbers alone, from now on."""
         raise NotImplementedError
 
-    def forget(self, run: int | None = None) -> None:
-        """Reset the learned models of one run, or of all runs, before a new track."""
+    def forget(self) -> None:
+        """Reset the learned models before a new track."""

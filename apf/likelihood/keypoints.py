@@ -39,7 +39,6 @@ class KeypointLikelihood(Likelihood):
         posture_prior_weight: float,
         n_particles: int,
         base: Likelihood | None = None,
-        n_runs: int = 1,
     ) -> None:
         self.device, self.config, self.base = scene.opencl, config, base
         self.body = scene.body
@@ -55,8 +54,8 @@ class KeypointLikelihood(Likelihood):
             self.errors, self.points, self.misfits = base.errors, base.points, base.misfits
             self.misfits_of_all = base.misfits_of_all
         else:
-            self.errors = self.device.empty((n_runs * n_particles,), np.float32, "the errors")
-            self.misfits = self.device.zeros((n_runs,), np.float32)
+            self.errors = self.device.empty((n_particles,), np.float32, "the errors")
+            self.misfits = self.device.zeros((1,), np.float32)
         # If `base` adds the term in its own launches, this likelihood launches nothing itself.
         self._is_taken = base is not None and base.take_points(self._seen, config)
 
@@ -93,13 +92,12 @@ class KeypointLikelihood(Likelihood):
         return [*launches, *self._score(poses, errors)]
 
     def misfit_launcher(self, poses: Array) -> list[Launch]:
-        """Return the launches that write the misfits of the first R of `poses` to `misfits`: those
-        of `base`, or without it the mean share by which the observed points are missed."""
+        """Return the launches that write the misfit of the first of `poses`: that of
+        `base`, or without it the mean share by which the observed points are missed."""
         if self.base is not None:
             return self.base.misfit_launcher(poses)
         assert self.misfits is not None
-        size = self.misfits.size
-        return [self._launch(size, poses, self.misfits, adds=False, per_seen=True, weight=1.0)]
+        return [self._launch(1, poses, self.misfits, adds=False, per_seen=True, weight=1.0)]
 
     def learning_launcher(self, pose: Array) -> list[Launch]:
         return self.base.learning_launcher(pose) if self.base is not None else []
@@ -111,9 +109,9 @@ class KeypointLikelihood(Likelihood):
         if self.base is not None:
             self.base.change_body(body)
 
-    def forget(self, run: int | None = None) -> None:
+    def forget(self) -> None:
         if self.base is not None:
-            self.base.forget(run)
+            self.base.forget()
 
     def _score(self, poses: Array, errors: Array) -> list[Launch]:
         if self._is_taken:

@@ -133,10 +133,10 @@ class PartColours(Term):
     """Term that compares the colours in each part's outline with that part's colour model.
 
     `codes` (V, H, W) uint8: codes of the latest frame, in the first of two arrays; the histograms
-    are counted from the second, which may be the same array, see `Ahead`. `ratios` (R, P, N_CODES)
-    int8 of R runs: quantised log ratios of each code's likelihood on a part and on the mean part; 0
-    before the first update. `known`: whether the frame has codes; it has none without pictures or
-    before a person was seen. Twin: reference/likelihood/part_colour.py.
+    are counted from the second, which may be the same array, see `Ahead`. `ratios` (P, N_CODES)
+    int8: quantised log ratios of each code's likelihood on a part and on the mean part; 0 before
+    the first update. `known`: whether the frame has codes; it has none without pictures or before a
+    person was seen. Twin: reference/likelihood/part_colour.py.
     """
 
     kernels = "tracking/part_colour"
@@ -157,7 +157,7 @@ class PartColours(Term):
             each.fill(N_CODES - 1)
         self._palette = device.empty((N_COLOURS,), np.uint8)
         self.known = self._has_palette = False
-        histograms = shared.n_runs, n_parts, N_CODES
+        histograms = n_parts, N_CODES
         self.histograms = device.zeros(histograms, np.float32)
         self.ratios = device.zeros(histograms, np.int8)
         self._counts = device.zeros(histograms, np.int32)
@@ -170,11 +170,9 @@ class PartColours(Term):
         self._body.set(pack_body(body))
         self._rows.set(list_histogram_parts(body))
 
-    def forget(self, run: int | None = None) -> None:
+    def forget(self) -> None:
         for array in (self.histograms, self.ratios):
-            kept = array.get()
-            kept[slice(None) if run is None else run] = 0
-            array.set(kept)
+            array.fill(0)
 
     def observe(self, voxels: CarvedVoxels, pictures: Array | None) -> None:
         """Enqueue the coding of a frame's pictures (V, H, W, 3); its maps must be made before. Make
@@ -212,8 +210,8 @@ class PartColours(Term):
         return [
             self.launch(
                 "count_colours",
-                (self._group * len(self._rig), self.ratios.shape[0]),
-                (self._group, 1),
+                (self._group * len(self._rig),),
+                (self._group,),
                 width=self._rig.width,
                 height=self._rig.height,
                 cameras=self._cameras,
@@ -225,7 +223,7 @@ class PartColours(Term):
             ),
             self.launch(
                 "learn_colours",
-                (N_CODES * self.ratios.shape[0],),
+                (N_CODES,),
                 (N_CODES,),
                 decay=DECAY,
                 rare=RARE,
@@ -238,7 +236,7 @@ class PartColours(Term):
         ]
 
     def score_arguments(self) -> dict[str, Argument]:
-        return {"ratios": self.ratios, "table_size": int(np.prod(self.ratios.shape[1:]))}
+        return {"ratios": self.ratios}
 
     def score_weights(self) -> dict[str, float]:
         return {"colour_weight": self.settings.weight if self.known else 0.0}

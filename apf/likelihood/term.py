@@ -22,13 +22,12 @@ from psfs.voxels.host_voxels import HostVoxels
 class Shared:
     """Data that the voxel likelihood shares with its terms.
 
-    n_runs: number of the tracker's runs, one after the other in each array of poses. cameras: the
-    packed rig. maps: (V, H, W, 2) uint8 of the frame that is being prepared. seen: pairs of arrays
-    by name; the preparation of a frame writes the first, its search reads the second, see `Ahead`.
+    cameras: the packed rig. maps: (V, H, W, 2) uint8 of the frame that is being prepared. seen:
+    pairs of arrays by name; the preparation of a frame writes the first, its search reads the
+    second, see `Ahead`.
     """
 
     scene: Scene
-    n_runs: int
     cameras: Array
     maps: Array
     seen: Mapping[str, tuple[Array, Array]] = field(default_factory=dict)
@@ -56,15 +55,15 @@ class Term(Stage):
         return []
 
     def learning_launcher(self, pose: Array) -> list[Launch]:
-        """Return the launches that update the term's learned model after a frame; the runs'
-        estimates are the first rows of `pose` (.., D)."""
+        """Return the launches that update the term's learned model after a frame, whose estimate is
+        the first row of `pose` (.., D)."""
         return []
 
     def change_body(self, body: BodyModel) -> None:
         """Take `body`, which differs from the one before in numbers alone, from now on."""
 
-    def forget(self, run: int | None = None) -> None:
-        """Reset the learned model of one run, or of all runs, before a new track."""
+    def forget(self) -> None:
+        """Reset the learned model before a new track."""
 
     def score_arguments(self) -> dict[str, Argument]:
         """Return the term's arguments of score_poses, except its weight."""

@@ -90,22 +90,15 @@ class VoxelLikelihood(Likelihood):
     themselves.
 
     `errors` is Song et al. eq. (16) with its sign corrected, plus further terms, see
-    `LikelihoodConfig`; it holds the particles of `n_runs` runs. `misfits` holds one value per run.
-    seen: maps, contours and codes of the latest frame, which poses are scored against. Twin:
-    reference/likelihood/voxel.py.
+    `LikelihoodConfig`. seen: maps, contours and codes of the latest frame, which poses are scored
+    against. Twin: reference/likelihood/voxel.py.
     """
 
     points: Array
     misfits: Array
     misfits_of_all = True
 
-    def __init__(
-        self,
-        scene: Scene,
-        config: LikelihoodConfig,
-        n_particles: int,
-        n_runs: int = 1,
-    ) -> None:
+    def __init__(self, scene: Scene, config: LikelihoodConfig, n_particles: int) -> None:
         device, body, rig = scene.opencl, scene.body, scene.rig
         self.device, self.rig, self.config = device, rig, config
         self.unit = float(len(rig))
@@ -131,21 +124,18 @@ class VoxelLikelihood(Likelihood):
         self.n_launchers = 0
         self._scores: list[Launch] = []
         self.points = points[1]
-        self.errors = device.empty((n_runs * n_particles,), np.float32, "the errors")
-        self.misfits = device.zeros((n_runs,), np.float32)
+        self.errors = device.empty((n_particles,), np.float32, "the errors")
+        self.misfits = device.zeros((1,), np.float32)
         self._recall = SilhouetteRecall(scene, self._cameras, points, pixels)
         self._row_parts = device.to_device(list_scored_parts(body, rows))
         self._point_arguments: dict[str, Argument] = {
             "observed": None, "point_weight": 0.0, "point_reach": 1.0, "exchange": 0.0
         }  # fmt: skip
         seen = {"contours": contours, "codes": codes}
-        shared = Shared(scene, n_runs, self._cameras, maps[0], seen)
+        shared = Shared(scene, self._cameras, maps[0], seen)
         self.terms = make_terms(shared, config.terms)
         self._uses_pictures = any(term.uses_pictures for term in self.terms.values())
-        self._arguments: dict[str, Argument] = {
-            "ratios": device.zeros((1,), np.int8),
-            "table_size": 0,
-        }
+        self._arguments: dict[str, Argument] = {"ratios": device.zeros((1,), np.int8)}
         self._weights = {"colour_weight": 0.0, "contour_weight": 0.0}
         for term in self.terms.values():
             self._arguments |= term.score_arguments()
@@ -162,9 +152,9 @@ class VoxelLikelihood(Likelihood):
         for term in self.terms.values():
             term.change_body(body)
 
-    def forget(self, run: int | None = None) -> None:
+    def forget(self) -> None:
         for term in self.terms.values():
-            term.forget(run)
+            term.forget()
 
     def learning_launcher(self, pose: Array) -> list[Launch]:
         return [launch for term in self.terms.values() for launch in term.learning_launcher(pose)]
@@ -260,14 +250,14 @@ class VoxelLikelihood(Likelihood):
         return launches
 
     def misfit_launcher(self, poses: Array) -> list[Launch]:
-        """Return the launches that write the misfits of the first R of `poses` (.., D) to `misfits`
-        (R,) float32: silhouette and surface term, averaged over the cameras."""
+        """Return the launches that write the misfit of the first of `poses` (.., D): silhouette and
+        surface term, averaged over the cameras."""
         weights = np.array([0, 1, 1, 0], np.float32) / np.float32(len(self.rig))
         arguments: dict[str, Argument] = {
             **{"weights": weights, "posture_weight": 0.0, "errors": self.misfits, "misfits": None},
             **{**self._point_arguments, "observed": None},
         }
-        return [self._launch(self.misfits.size, poses, PointSubset(0, 1), **arguments)]
+        return [self._launch(1, poses, PointSubset(0, 1), **arguments)]
 
     def _launch(self, n: int, poses: Array, subset: PointSubset, **arguments: Argument) -> Launch:
         """Return the launch that scores the first `n` of `poses` by a subset of the samples and by
@@ -294,7 +284,6 @@ class VoxelLikelihood(Likelihood):
             n_pairs=self._n_pairs,
             pairs=self._pairs,
             posture=self._posture,
-            n_per_run=max(1, n // self.misfits.size),
             **self._arguments,
             colour_weight=0.0,
             contour_weight=0.0,

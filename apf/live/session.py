@@ -347,8 +347,8 @@ class Live:
         trackers = [person.tracker for person in self.persons]
         for tracker in trackers:
             tracker.enqueue_search()
-        searches = [tracker.fetch_estimates() for tracker in trackers]
-        return [search()[0] for search in searches]
+        searches = [tracker.fetch_estimate() for tracker in trackers]
+        return [search() for search in searches]
 
     def _observe_people(self, seen: Sequence[Seen]) -> None:
         """Enqueue the likelihood's preparation of what each person's tracker observes."""

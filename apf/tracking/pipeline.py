@@ -32,7 +32,7 @@ from apf.likelihood.observations import (
 from apf.scene import Scene
 from apf.tracking.limb_confidence import limb_margins
 from apf.tracking.track import Track, concatenate_tracks
-from apf.tracking.trackers import make_recovering_runs, make_recovering_tracker, with_seeds
+from apf.tracking.trackers import make_recovering_tracker, with_seeds
 from apf.tracking.two_way import TwoWays
 from apf.tracking.uncertainty import joint_covariance
 from cl import InputError, UserError
@@ -166,14 +166,15 @@ class _Person:
         self.frames = session.frames[:first][::-1] if backward else session.frames[first:]
         if not self.frames:
             return False
-        self._tracker = make_recovering_runs(self._scene, self._method, task.seeds)
-        self._tracker.start(task.pose)
+        methods = with_seeds(self._method, task.seeds)
+        self._trackers = [make_recovering_tracker(self._scene, of) for of in methods]
+        for tracker in self._trackers:
+            tracker.start(task.pose)
         self._ways: TwoWays | None = None
         if task.method.goes_back:
-            methods = with_seeds(self._method, task.seeds)
             back = [make_recovering_tracker(self._scene, of) for of in methods]
             self._ways = TwoWays(
-                session.device, self._tracker, back, self._add, self._report, fps=session.rate
+                session.device, self._trackers, back, self._add, self._report, fps=session.rate
             )
         return True
 
@@ -186,7 +187,7 @@ class _Person:
         if self._ways is not None:
             self._ways.step(index, observation)
         else:
-            self._add(index, self._tracker.step(observation))
+            self._add(index, [tracker.step(observation) for tracker in self._trackers])
             self._report("tracking")
 
     def finish(self, whole: bool) -> None:

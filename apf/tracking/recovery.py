@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 
 import numpy as np
 
 from apf.body.kinematics import posed_joints
-from apf.filters.base import DeviceTracker, Estimate, Tracker
+from apf.filters.base import Estimate, Tracker
 from apf.likelihood.observations import Observation
 from apf.tracking.config import RecoveryConfig
 from apf.tracking.limb_confidence import SAME_PLACE
@@ -152,48 +152,6 @@ class RecoveringTracker:
         for _ in range(_N_STEPS):
             estimate = self._wide.step(observation)
         return self._judge.judge(estimate, restart)
-
-
-class RecoveringRuns:
-    """Several runs over the same observations, each with its own recovery.
-
-    trackers: one for each run. batch: searches for all runs at once; each run is bit-equal to the
-    same run alone until it loses the person, whom it then searches for alone. By default every run
-    has a tracker of its own.
-    """
-
-    def __init__(
-        self, trackers: Sequence[RecoveringTracker], batch: DeviceTracker | None = None
-    ) -> None:
-        self._trackers, self._batch = trackers, batch
-
-    def start(self, poses: np.ndarray) -> None:
-        """Put all particles at a pose (D,), or the particles of each run at its own, (R, D)."""
-        each = np.broadcast_to(poses, (len(self._trackers), np.shape(poses)[-1]))
-        if self._batch is not None:
-            self._batch.start(each[0])
-        for tracker, pose in zip(self._trackers, each, strict=True):
-            tracker.start(pose)
-
-    def step(self, observation: Observation) -> list[Estimate]:
-        """Track the next frame; return the estimate of each run."""
-        if self._batch is None:
-            return [tracker.step(observation) for tracker in self._trackers]
-        estimates = self._batch.step_runs(observation)
-        return [
-            tracker.recover_if_lost(estimate, observation)
-            for tracker, estimate in zip(self._trackers, estimates, strict=True)
-        ]
-
-
-class Restart(Tracker):
-    """A handle by which one run of a batched tracker can be restarted."""
-
-    def __init__(self, tracker: DeviceTracker, run: int) -> None:
-        self._tracker, self._run = tracker, run
-
-    def start(self, pose: np.ndarray) -> None:
-        self._tracker.restart(self._run, pose)
 
 
 def _match_layers(found: Estimate, usual: Estimate) -> Estimate:

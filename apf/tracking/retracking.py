@@ -24,7 +24,7 @@ from apf.tracking.correction import (
 from apf.tracking.pipeline import TrackingTask, build_track, observations
 from apf.tracking.smoothing import unwrap_angles
 from apf.tracking.track import Track
-from apf.tracking.trackers import make_recovering_runs
+from apf.tracking.trackers import make_recovering_tracker
 from cl import InputError
 from psfs.session import Session
 from psfs.volume import automatic_grid
@@ -122,13 +122,13 @@ def _follow(
     scaled = method.replace(filter=method.filter.scale_to_rate(session.rate))
     seed = method.filter.search.seed
     scene = Scene(session.device, rig, task.grid, body)
-    tracker = make_recovering_runs(scene, scaled, [seed])
+    tracker = make_recovering_tracker(scene, scaled)
     row = int(np.flatnonzero(track.frames == frame)[0])
     pose = correct_pose(body, track.poses[row], wanted[frame])
     tracker.start(pose)
     run = TrackingTask(body, pose, method, [seed], points)
     for number, observation in observations(session, run):
-        estimate = tracker.step(observation)[0]
+        estimate = tracker.step(observation)
         if number == frame:  # the others show no correction, see `find_courses`
             estimate = replace(estimate, pose=hold_corrections(body, estimate.pose, wanted[frame]))
             tracker.start(estimate.pose)

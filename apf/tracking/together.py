@@ -76,7 +76,7 @@ class PeopleTracker:
 
     def stream(self, frames: Iterable[CarvedVoxels]) -> Iterator[list[Estimate]]:
         """Yield each person's estimate for each of `frames`, see `DeviceTracker.stream`."""
-        under_way: list[Callable[[], list[Estimate]]] = []
+        under_way: list[Callable[[], Estimate]] = []
         for voxels in frames:
             following = self._begin(voxels, ahead=2)
             if under_way:
@@ -85,7 +85,7 @@ class PeopleTracker:
         if under_way:
             yield self._finish(under_way)
 
-    def _begin(self, voxels: CarvedVoxels, ahead: int) -> list[Callable[[], list[Estimate]]]:
+    def _begin(self, voxels: CarvedVoxels, ahead: int) -> list[Callable[[], Estimate]]:
         """Enqueue the division and all searches of a frame that is `ahead` frames after the latest
         one whose poses are known."""
         parts: Sequence[CarvedVoxels] = [voxels]
@@ -99,9 +99,9 @@ class PeopleTracker:
         ]
         return begin_searches(self.trackers, shows, self._queue)
 
-    def _finish(self, searches: Sequence[Callable[[], list[Estimate]]]) -> list[Estimate]:
+    def _finish(self, searches: Sequence[Callable[[], Estimate]]) -> list[Estimate]:
         """Wait for the searches of a frame, and return each person's estimate."""
-        estimates = [search()[0] for search in searches]
+        estimates = [search() for search in searches]
         if self._division is not None:
             here = self._cover([estimate.pose for estimate in estimates])
             self._spheres = np.stack([here, self._spheres[0]])

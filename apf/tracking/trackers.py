@@ -6,9 +6,8 @@ from typing import cast
 
 import numpy as np
 
-from apf.backend import make_device_tracker, make_tracker, shares_launches
+from apf.backend import make_tracker
 from apf.body.stature import has_head
-from apf.filters.base import Tracker
 from apf.filters.method import Method
 from apf.initialisation.automatic import find_start
 from apf.initialisation.from_keypoints import fit_pose_to_points
@@ -16,7 +15,7 @@ from apf.initialisation.kept_voxels import shows_somebody, store_voxels
 from apf.initialisation.start import StartError
 from apf.likelihood.observations import AnyVoxels, Observation, split_observation
 from apf.scene import Scene
-from apf.tracking.recovery import RETRY, RecoveringRuns, RecoveringTracker, Restart
+from apf.tracking.recovery import RETRY, RecoveringTracker
 
 #: Factor of the noise in the searches for a lost person.
 _WIDER = 4.0
@@ -27,26 +26,8 @@ def with_seeds(method: Method, seeds: list[int]) -> list[Method]:
     return [method.replace(filter=method.filter.with_changes(seed=seed)) for seed in seeds]
 
 
-def make_recovering_runs(scene: Scene, method: Method, seeds: list[int]) -> RecoveringRuns:
-    """Make the recovering trackers of `method` with each of `seeds`, batched into one if the method
-    allows it."""
-    methods = with_seeds(method, seeds)
-    if len(seeds) == 1 or not shares_launches(scene.device, method):
-        return RecoveringRuns([make_recovering_tracker(scene, of) for of in methods])
-    batch = make_device_tracker(scene, method, seeds)
-    runs = [
-        make_recovering_tracker(scene, of, Restart(batch, run)) for run, of in enumerate(methods)
-    ]
-    return RecoveringRuns(runs, batch)
-
-
-def make_recovering_tracker(
-    scene: Scene,
-    method: Method,
-    tracker: Tracker | None = None,
-) -> RecoveringTracker:
-    """Make the recovering tracker of `method`, see `recovery`; it wraps `tracker`, if given, which
-    must search by that method."""
+def make_recovering_tracker(scene: Scene, method: Method) -> RecoveringTracker:
+    """Make the recovering tracker of `method`, see `recovery`."""
     search = method.filter.search
     # The SIR filter has no layers.
     layers = {} if method.search == "sir" else {"n_layers": 2 * search.n_layers}
@@ -75,7 +56,7 @@ def make_recovering_tracker(
         return shown is None or shows_somebody(cast(AnyVoxels, shown))
 
     return RecoveringTracker(
-        tracker or make_tracker(scene, method),
+        make_tracker(scene, method),
         lambda: make_tracker(scene, wider),
         everywhere if method.uses_voxels or method.uses_keypoints else None,
         enough=enough,

@@ -39,7 +39,7 @@ from apf.likelihood.observations import (
     with_points,
 )
 from apf.tracking.limb_confidence import LEAST_DISTANCE, SAME_PLACE
-from apf.tracking.recovery import RecoveringRuns, RecoveringTracker
+from apf.tracking.recovery import RecoveringTracker
 from apf.tracking.smoothing import unwrap_angles
 from cl import Device, NumpyDevice, UserError
 from psfs.common.numbers import find_best_path, find_true_runs, smooth_locally
@@ -65,7 +65,7 @@ _WindowFrame = tuple[int, "_Kept", list[Estimate]]
 
 
 class TwoWays:
-    """Tracking of frames by the started runs `forward` of each track, and by `back`, the tracker of
+    """Tracking of frames by `forward`, the started tracker of each track, and by `back`, that of
     the backward pass of each; `fps` frames per second.
 
     add: receives the number of every frame and each track's estimate of it, in the frames' order.
@@ -76,7 +76,7 @@ class TwoWays:
     def __init__(
         self,
         device: Device | NumpyDevice,
-        forward: RecoveringRuns,
+        forward: Sequence[RecoveringTracker],
         back: Sequence[RecoveringTracker],
         add: Callable[[int, list[Estimate]], object],
         progress: Callable[[str], object],
@@ -91,7 +91,7 @@ class TwoWays:
     def step(self, index: int, shown: Observation) -> None:
         """Track the next frame forward, and back from it if the window is full."""
         kept, window = _keep(self._device, shown, self._pool), self._window
-        window.append((index, kept, self._forward.step(shown)))
+        window.append((index, kept, [tracker.step(shown) for tracker in self._forward]))
         self._n_bytes += sum(of.nbytes for _, of, _ in window[:-_CROPPING][-1:])
         self._progress("tracking")
         if is_full(len(window), self._n_bytes):

@@ -13,7 +13,6 @@ from apf.backend import (
     make_feature_extractor,
     make_feature_observer,
     make_tracker,
-    shares_launches,
 )
 from apf.body.mesh import cone_mesh
 from apf.filters.annealed import AnnealedParticleFilter
@@ -29,7 +28,7 @@ from apf.reference.filters.sir import NumpySirParticleFilter
 from apf.reference.filters.swarm import NumpyParticleSwarm
 from apf.reference.image_objective.features import NumpyFeatures
 from apf.scene import Scene
-from cl import Device, DeviceError, InputError, NumpyDevice
+from cl import Device, DeviceError, NumpyDevice
 
 DEVICE = {"apf": AnnealedParticleFilter, "pso": ParticleSwarm, "sir": SirParticleFilter}
 NUMPY = {
@@ -52,18 +51,8 @@ def test_trackers(device: Device, search: str, objective: str) -> None:
     assert isinstance(on_device, Tracker) and isinstance(twin, Tracker)
 
 
-def test_several_runs_are_made_by_the_annealed_filter_over_voxels_alone(device: Device) -> None:
+def test_numpy_has_no_tracker_on_a_device(device: Device) -> None:
     world = World(device, STICK, voxel=0.2)
-    assert shares_launches(device, Method())
-    assert not shares_launches(NumpyDevice(), Method())
-    assert not shares_launches(device, Method.create("pso"))
-    assert not shares_launches(device, Method.create("apf", "sp"))
-    song = World(device, voxel=0.2)
-    tracker = make_device_tracker(song.scene(), Method.create(n_particles=50, n_layers=2), [0, 7])
-    tracker.start(song.pose(0))
-    assert len(tracker.step_runs(song.voxels(0))) == 2
-    with pytest.raises(InputError, match=r"\[0, 7\] at once by pso over voxel"):
-        make_device_tracker(song.scene(), Method.create("pso"), [0, 7])
     with pytest.raises(DeviceError):
         make_device_tracker(world.scene(NumpyDevice()), Method())
 

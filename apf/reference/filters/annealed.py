@@ -76,18 +76,18 @@ class NumpyAnnealedParticleFilter(NumpyTracker):
         return annealing_exponent(errors, survival_rate)
 
 
-def build_voxel_objective(scene: Scene, method: Method, n_runs: int) -> NumpyLikelihood:
+def build_voxel_objective(scene: Scene, method: Method) -> NumpyLikelihood:
     """Return the voxels' likelihood of `method`, with the keypoints' if that has a weight."""
     voxels = NumpyVoxelLikelihood(scene, method.filter.likelihood)
     return _with_keypoints(scene, method.filter, voxels)
 
 
-def build_keypoint_objective(scene: Scene, method: Method, n_runs: int) -> NumpyLikelihood:
+def build_keypoint_objective(scene: Scene, method: Method) -> NumpyLikelihood:
     """Return the keypoints' likelihood of `method` alone."""
     return _with_keypoints(scene, method.filter, None)
 
 
-def build_image_objective(scene: Scene, method: Method, n_runs: int) -> NumpyLikelihood:
+def build_image_objective(scene: Scene, method: Method) -> NumpyLikelihood:
     """Return the image objective of `method`, with the keypoints' if that has a weight."""
     base = NumpyImageObjective(scene, method.filter.search.n_particles, method.image)
     return _with_keypoints(scene, method.filter, base)

@@ -121,12 +121,12 @@ static inline int first_child(float share, float offset, int n)
     return child < 0 ? 0 : child < n ? child : n;
 }
 
-// One run's n particles in a layer, and what its random numbers are made of.
+// The n particles in a layer, and what their random numbers are made of.
 typedef struct { int n, layer; uint frame; uint2 seed; } layer_state;
 
 // Finds beta whose effective sample size is survival_rate * n, unless a positive one is given, then
 // weights, normalised, and the parents of systematic resampling. A work-group finds those of all of
-// a run's particles, an item those of PACKS(n) packs that follow each other, and writes `weights` of the
+// particles, an item those of PACKS(n) packs that follow each other, and writes `weights` of the
 // particles and `parents` of the children from number `begin` up to `end`. diagnostics: effective
 // sample size, beta, least error, written by the group that begins with 0.
 INLINED void find_parents(layer_state state, float survival_rate, float given_beta, int begin,
@@ -190,28 +190,24 @@ INLINED void find_parents(layer_state state, float survival_rate, float given_be
     barrier(CLK_GLOBAL_MEM_FENCE);
 }
 
-// A layer's exponent, weights and parents; the last layer of a frame counts it. One work-group per
-// run.
-// result: every run's mean (N_DOF), every run's deviation (N_DOF), then per layer and run effective
-// sample size, beta, least error.
+// A layer's exponent, weights and parents; the last layer of a frame counts it. One work-group.
+// result: mean (N_DOF), deviation (N_DOF), then per layer effective sample size, beta, least error.
 __kernel __attribute__((reqd_work_group_size(GROUP, 1, 1)))
 void anneal(int n, int layer, int last, float survival_rate, float given_beta,
-            __global const uint2 *seeds, __global uint *frames, __global const float *errors,
+            __global const uint2 *seed, __global uint *frame, __global const float *errors,
             __global float *weights, __global int *parents, __global float *result)
 {
     __local float scratch[SUMS * GROUP];
-    const int run = get_group_id(0), n_runs = get_num_groups(0);
-    const layer_state state = {n, layer, frames[run], seeds[run]};
-    find_parents(state, survival_rate, given_beta, 0, n, scratch, errors + run * n,
-                 weights + run * n, parents + run * n,
-                 result + 2 * N_DOF * n_runs + 3 * (layer * n_runs + run));
-    if (last && get_local_id(0) == 0) frames[run] = state.frame + 1;
+    const layer_state state = {n, layer, *frame, *seed};
+    find_parents(state, survival_rate, given_beta, 0, n, scratch, errors, weights, parents,
+                 result + 2 * N_DOF + 3 * layer);
+    if (last && get_local_id(0) == 0) *frame = state.frame + 1;
 }
 
 #define DOF(l) lane_index(first, 0x##l, N_DOF)
 #define SIGMA(l) sigma[DOF(l)]
 #define POSE(l) parent[DOF(l)]
-#define MOTION(l) motion[run * N_DOF + DOF(l)].y
+#define MOTION(l) motion[DOF(l)].y
 #define LOWER(l) limits[DOF(l)].x
 #define UPPER(l) limits[DOF(l)].y
 
@@ -235,64 +231,56 @@ static inline void make_child(layer_state state, int particle, int first, vfloat
 
 // Song et al. eq. (11), (13): the children; in the first layer they move by what is expected since
 // the last frame.
-// The noise's deviation is noise * the layer's row of sigmas. parents: numbered within the run. An
-// item works on PACK degrees of freedom of a particle.
-__kernel void diffuse(int n, int layer, float noise, __global const uint2 *seeds,
-                      __global const uint *frames, __global const float *sigmas,
+// The noise's deviation is noise * the layer's row of sigmas. An item works on PACK degrees of
+// freedom of a particle.
+__kernel void diffuse(int n, int layer, float noise, __global const uint2 *seed,
+                      __global const uint *frame, __global const float *sigmas,
                       __global const float2 *limits, __global const float2 *motion, __global const int *parents,
                       __global const float *poses, __global float *children)
 {
     const int first = get_global_id(0) * PACK, particle = get_global_id(1);
-    const int run = get_global_id(2), child = run * n + particle;
     if (first >= N_DOF || particle >= n) return;
     __global const float *sigma = sigmas + layer * N_DOF;
     vfloat deviation = noise * PACK_OF(vfloat, SIGMA), change = 0.0f;
     if (layer == 0) change = PACK_OF(vfloat, MOTION);
-    const layer_state state = {n, layer, frames[run], seeds[run]};
+    const layer_state state = {n, layer, *frame, *seed};
     make_child(state, particle, first, deviation, change, limits,
-               poses + (run * n + parents[child]) * N_DOF, children + child * N_DOF);
+               poses + parents[particle] * N_DOF, children + particle * N_DOF);
 }
 
 // `anneal` of a layer that is not a frame's last and `diffuse` of the next, with its noise, in one:
-// each of a run's work-groups anneals by itself and makes `share` of the children.
+// each work-group anneals by itself and makes `share` of the children.
 __kernel __attribute__((reqd_work_group_size(GROUP, 1, 1)))
 void anneal_diffuse(int n, int layer, float noise, int share, float survival_rate,
-                    __global const uint2 *seeds, __global const uint *frames,
+                    __global const uint2 *seed, __global const uint *frame,
                     __global const float *sigmas, __global const float2 *limits,
                     __global const float *errors, __global const float *poses,
                     __global float *weights, __global int *parents, __global float *result,
                     __global float *children)
 {
     __local float scratch[SUMS * GROUP];
-    const int run = get_group_id(1), n_runs = get_num_groups(1);
     const int n_packs = (N_DOF + PACK - 1) / PACK;
     const int begin = get_group_id(0) * share, end = begin + share < n ? begin + share : n;
-    layer_state state = {n, layer, frames[run], seeds[run]};
-    parents += run * n;
-    find_parents(state, survival_rate, 0.0f, begin, end, scratch, errors + run * n,
-                 weights + run * n, parents,
-                 result + 2 * N_DOF * n_runs + 3 * (layer * n_runs + run));
+    layer_state state = {n, layer, *frame, *seed};
+    find_parents(state, survival_rate, 0.0f, begin, end, scratch, errors, weights, parents,
+                 result + 2 * N_DOF + 3 * layer);
     ++state.layer;
     __global const float *sigma = sigmas + state.layer * N_DOF;
     for (int item = get_local_id(0); item < (end - begin) * n_packs; item += GROUP) {
         const int particle = begin + item / n_packs, first = item % n_packs * PACK;
         make_child(state, particle, first, noise * PACK_OF(vfloat, SIGMA), 0.0f, limits,
-                   poses + (run * n + parents[particle]) * N_DOF,
-                   children + (run * n + particle) * N_DOF);
+                   poses + parents[particle] * N_DOF, children + particle * N_DOF);
     }
 }
 
-// Song et al. eq. (12): weighted mean of a run's set, and its standard deviation. One work-group
-// per degree of freedom and run.
+// Song et al. eq. (12): weighted mean of the set, and its standard deviation. One work-group per
+// degree of freedom.
 __kernel __attribute__((reqd_work_group_size(GROUP, 1, 1)))
 void estimate(int n, __global const float *weights, __global const float *poses,
               __global float *result)
 {
     __local float scratch[GROUP];
     const int dof = get_group_id(0), lane = get_local_id(0);
-    const int run = get_group_id(1), n_runs = get_num_groups(1);
-    weights += run * n;
-    poses += run * n * N_DOF;
     float sum = 0.0f;
     for (int i = lane; i < n; i += GROUP) sum += weights[i] * poses[i * N_DOF + dof];
     const float centre = group_sum(scratch, sum);
@@ -303,21 +291,21 @@ void estimate(int n, __global const float *weights, __global const float *poses,
     }
     squares = group_sum(scratch, squares);
     if (lane == 0) {
-        result[run * N_DOF + dof] = centre;
-        result[(n_runs + run) * N_DOF + dof] = sqrt(squares);
+        result[dof] = centre;
+        result[N_DOF + dof] = sqrt(squares);
     }
 }
 
 // Ends a frame, see end_frame.h.
-__kernel void end_frame(int n_runs, float velocity, int n_result, int n_information,
+__kernel void end_frame(float velocity, int n_result, int n_information,
                         int n_candidates, int n_errors,
-                        __global const uint *frames, __global const float *result,
+                        __global const uint *frame, __global const float *result,
                         __global const float *shift, __global const float *information,
                         __global const float *candidates, __global const float *errors,
-                        __global const float *misfits, __global float2 *motion,
+                        __global const float *misfit, __global float2 *motion,
                         __global float *report)
 {
-    const frame_end end = {n_runs, velocity, n_result, n_information, n_candidates, n_errors, frames,
-                           result, shift, information, candidates, errors, misfits, motion, report};
+    const frame_end end = {velocity, n_result, n_information, n_candidates, n_errors, frame,
+                           result, shift, information, candidates, errors, misfit, motion, report};
     report_item(&end, get_global_id(0));
 }

@@ -5,15 +5,14 @@
 
 // What to add to the particles before the next frame, which is how far the estimate was moved after
 // the mean was taken (shift) and `velocity` times the change since the last frame.
-// motion: runs x N_DOF x (last estimate, what to add).
+// motion: N_DOF x (last estimate, what to add).
 // report: all that the host reads: result (n_result), information (n_information), candidates of
-// the limb search (n_candidates) and their errors (n_errors), misfits (n_runs).
+// the limb search (n_candidates) and their errors (n_errors), misfit.
 typedef struct {
-    int n_runs;
     float velocity;
     int n_result, n_information, n_candidates, n_errors;
-    __global const uint *frames;
-    __global const float *result, *shift, *information, *candidates, *errors, *misfits;
+    __global const uint *frame;
+    __global const float *result, *shift, *information, *candidates, *errors, *misfit;
     __global float2 *motion;
     __global float *report;
 } frame_end;
@@ -29,11 +28,11 @@ static inline void report_item(const frame_end *end, int id)
     REPORT(end->information, end->n_information)
     REPORT(end->candidates, end->n_candidates)
     REPORT(end->errors, end->n_errors)
-    REPORT(end->misfits, end->n_runs)
+    REPORT(end->misfit, 1)
 #undef REPORT
-    if (id >= end->n_runs * N_DOF) return;
+    if (id >= N_DOF) return;
     const float pose = end->result[id];
     // The first frame's change is the start's error, not a motion.
-    const float change = end->frames[id / N_DOF] > 1 ? pose - end->motion[id].x : 0.0f;
+    const float change = *end->frame > 1 ? pose - end->motion[id].x : 0.0f;
     end->motion[id] = (float2)(pose, end->shift[id] + end->velocity * change);
 }

@@ -182,13 +182,11 @@ INLINED vfloat overlap(int n_pairs, __global const int2 *pairs, __local const vf
 
 // Numbers of score_poses. weights: of edge, silhouette, surface, overlap. n_rows: of samples on all
 // cones. n_points, first_point, stride, scale: surface voxels, those that count, and their distance
-// that is half unexplained. n_per_run: particles of a run, whose table of table_size ratios they are
-// compared with. The mean miss of the most observed points that there could be is added with
+// that is half unexplained. The mean miss of the most observed points that there could be is added with
 // point_weight once per camera, see observed.h.
 typedef struct {
     float4 weights;
     int n_particles, n_views, width, height, n_rows, n_points, first_point, stride, n_pairs;
-    int n_per_run, table_size;
     float scale, posture_weight, colour_weight, contour_weight, point_weight, point_reach, exchange;
 } score_numbers;
 
@@ -244,12 +242,8 @@ void score_poses(// constants
         sum += numbers.posture_weight * posture_error(lane_from(7), posture, poses, first,
                                                       numbers.n_particles, body, frames);
 
-#define TABLE(l) \
-    (lane_index(first, 0x##l, numbers.n_particles) / numbers.n_per_run * numbers.table_size)
-    const picture_cues cues = {codes, ratios, PACK_OF(vint, TABLE), row_parts, contours,
-                               numbers.width * numbers.height, numbers.colour_weight,
-                               numbers.contour_weight};
-#undef TABLE
+    const picture_cues cues = {codes, ratios, row_parts, contours, numbers.width * numbers.height,
+                               numbers.colour_weight, numbers.contour_weight};
     view_error seen = {0.0f, 0.0f, 0.0f};
     for (int view = 0; view < numbers.n_views; view += VIEWS)
         score_views(view, numbers.n_views, numbers.width, numbers.height, cameras, maps,

@@ -30,54 +30,51 @@ static inline float noise_of(uint frame, int layer, int particle, int dof, uint2
 
 // The first round. Particle 0 is the mean (in `result`); each of the others is the mean with one
 // limb elsewhere: by 1 (particle 1) to `reach` (particle n_near - 1) sigma, evenly in the logarithm,
-// or, from particle n_near on, anywhere in its ranges. Limbs take turns. Every run has n particles.
+// or, from particle n_near on, anywhere in its ranges. Limbs take turns.
 // limbs: N_LIMBS x N_DOF, 1 where a degree of freedom belongs to a limb. seen: null, or how far the
-// means would move to observed points, runs x N_DOF: then each limb's first particle moves so.
+// mean would move to observed points, N_DOF: then each limb's first particle moves so.
 __kernel void propose(int n_limbs, int n, int n_near, int layer, float reach,
-                      __global const uint2 *seeds, __global const uint *frames,
+                      __global const uint2 *seed, __global const uint *frame,
                       __global const float *sigma,
                       __global const float2 *limits, __global const float2 *ranges,
                       __global const uchar *limbs, __global const float *result,
                       __global const float *seen, __global float *poses)
 {
     const int dof = get_global_id(0), particle = get_global_id(1);
-    const int run = get_global_id(2);
     if (dof >= N_DOF || particle >= n) return;
-    float value = result[run * N_DOF + dof];
+    float value = result[dof];
     const int limb = (particle - 1) % N_LIMBS;
     if (particle > 0 && limbs[limb * N_DOF + dof]) {
         const bool near = particle < n_near;
         if (seen && near && particle <= N_LIMBS) {
-            value += seen[run * N_DOF + dof];
+            value += seen[dof];
         } else if (near) {
             const float scale = pow(reach, (float)(particle - 1) / (n_near > 2 ? n_near - 2 : 1));
-            value += scale * sigma[dof] * noise_of(frames[run], layer, particle, dof, seeds[run]);
+            value += scale * sigma[dof] * noise_of(*frame, layer, particle, dof, *seed);
         } else {
-            const uint4 counter = {frames[run], layer, particle, dof};
-            const float share = uniform01(philox4x32(counter, seeds[run]).x);
+            const uint4 counter = {*frame, layer, particle, dof};
+            const float share = uniform01(philox4x32(counter, *seed).x);
             value = mix(ranges[dof].x, ranges[dof].y, share);
         }
         value = reflected(value, limits[dof]);
     }
-    poses[(run * n + particle) * N_DOF + dof] = value;
+    poses[particle * N_DOF + dof] = value;
 }
 
-// candidates: runs x CANDIDATES x N_DOF, the mean and, for every limb, the best of the poses that
+// candidates: CANDIDATES x N_DOF, the mean and, for every limb, the best of the poses that
 // moved it near where it was, then of those that moved it anywhere. Where `reach` is positive, these
 // poses become those of the next round, told by `layer`: the limb about where the best has it, with
-// a deviation of `reach` sigma; the first is the best itself. One work-group per candidate and run.
+// a deviation of `reach` sigma; the first is the best itself. One work-group per candidate.
 __kernel __attribute__((reqd_work_group_size(GROUP, 1, 1)))
 void choose(int n_limbs, int n_candidates, int n, int n_near, int layer, float reach,
-            __global const uint2 *seeds, __global const uint *frames, __global const float *sigma,
+            __global const uint2 *seed, __global const uint *frame, __global const float *sigma,
             __global const float2 *limits, __global const uchar *limbs,
             __global const float *errors, __global float *poses, __global float *candidates)
 {
     __local float least[GROUP], chosen[N_DOF];
     __local int where[GROUP];
-    const int candidate = get_group_id(0), run = get_group_id(1), lane = get_local_id(0);
-    errors += run * n;
-    poses += run * n * N_DOF;
-    candidates += (run * CANDIDATES + candidate) * N_DOF;
+    const int candidate = get_group_id(0), lane = get_local_id(0);
+    candidates += candidate * N_DOF;
     // The particles that moved the candidate's limb so, every N_LIMBS-th from `first` on.
     const bool near = candidate <= N_LIMBS;
     const int begin = near ? 1 : n_near, end = candidate == 0 ? 0 : near ? n_near : n;
@@ -110,7 +107,7 @@ void choose(int n_limbs, int n_candidates, int n, int n_near, int layer, float r
         if (!limbs[limb * N_DOF + dof]) continue;
         float value = chosen[dof];
         if (particle != first)
-            value += reach * sigma[dof] * noise_of(frames[run], layer, particle, dof, seeds[run]);
+            value += reach * sigma[dof] * noise_of(*frame, layer, particle, dof, *seed);
         poses[particle * N_DOF + dof] = reflected(value, limits[dof]);
     }
 }
@@ -119,58 +116,51 @@ void choose(int n_limbs, int n_candidates, int n, int n_near, int layer, float r
 // anywhere; the rest as in end_frame.h.
 typedef struct {
     float2 margins;
-    int n_runs;
     float velocity;
     int n_result, n_report;
 } end_numbers;
 
-// The best of each run's refined candidates becomes its estimate: candidate 0 unless another's error
+// The best of the refined candidates becomes the estimate: candidate 0 unless another's error
 // is smaller by more than a share of it, margins.x where a limb moved near where it was, margins.y
 // where it moved anywhere. shift: by how much the estimate moved from the mean; information: of the
-// candidate taken, see refinement.cl; misfits: null, or its, of those of all candidates. report: null,
-// or the frame ends, see end_frame.h. One work-group for all runs.
+// candidate taken, see refinement.cl; misfit: null, or its, of those of all candidates. report: null,
+// or the frame ends, see end_frame.h. One work-group.
 __kernel __attribute__((reqd_work_group_size(GROUP, 1, 1)))
 void accept(// constants
             int n_limbs, int n_candidates, end_numbers end_of,
             // in
             __global const float *errors, __global const float *candidates,
             __global const float *informations, __global const float *all_misfits,
-            __global const uint *frames,
+            __global const uint *frame,
             // in and out
             __global float *result, __global float2 *motion,
             // out
-            __global float *shift, __global float *information, __global float *misfits,
+            __global float *shift, __global float *information, __global float *misfit,
             __global float *report)
 {
     const int n_information = N_DOF * (N_DOF + 1) / 2, lane = get_local_id(0);
-    const int n_runs = end_of.n_runs;
-    for (int run = 0; run < n_runs; ++run) {
-        const int first = run * CANDIDATES;
-        int best = 0;
-        float most = 0.0f;
-        for (int i = 1; i < CANDIDATES; ++i) {
-            const float margin = i > N_LIMBS ? end_of.margins.y : end_of.margins.x;
-            const float gain = errors[first] - margin * fabs(errors[first]) - errors[first + i];
-            if (gain > most) {
-                most = gain;
-                best = i;
-            }
+    int best = 0;
+    float most = 0.0f;
+    for (int i = 1; i < CANDIDATES; ++i) {
+        const float margin = i > N_LIMBS ? end_of.margins.y : end_of.margins.x;
+        const float gain = errors[0] - margin * fabs(errors[0]) - errors[i];
+        if (gain > most) {
+            most = gain;
+            best = i;
         }
-        best += first;
-        for (int dof = lane; dof < N_DOF; dof += GROUP) {
-            const float pose = candidates[best * N_DOF + dof];
-            shift[run * N_DOF + dof] = pose - result[run * N_DOF + dof];
-            result[run * N_DOF + dof] = pose;
-        }
-        for (int i = lane; i < n_information; i += GROUP)
-            information[run * n_information + i] = informations[best * n_information + i];
-        if (lane == 0 && misfits) misfits[run] = all_misfits[best];
     }
+    for (int dof = lane; dof < N_DOF; dof += GROUP) {
+        const float pose = candidates[best * N_DOF + dof];
+        shift[dof] = pose - result[dof];
+        result[dof] = pose;
+    }
+    for (int i = lane; i < n_information; i += GROUP)
+        information[i] = informations[best * n_information + i];
+    if (lane == 0 && misfit) *misfit = all_misfits[best];
     if (!report) return;
     barrier(CLK_GLOBAL_MEM_FENCE);
-    const int n_candidate_dofs = n_runs * CANDIDATES * N_DOF;
-    const frame_end end = {n_runs, end_of.velocity, end_of.n_result, n_runs * n_information, n_candidate_dofs,
-                           n_runs * CANDIDATES, frames, result, shift, information, candidates,
-                           errors, misfits, motion, report};
+    const frame_end end = {end_of.velocity, end_of.n_result, n_information, CANDIDATES * N_DOF,
+                           CANDIDATES, frame, result, shift, information, candidates, errors,
+                           misfit, motion, report};
     for (int id = lane; id < end_of.n_report; id += GROUP) report_item(&end, id);
 }

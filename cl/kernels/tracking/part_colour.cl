@@ -48,10 +48,10 @@ INLINED bool within_corners(__local const float2 *corners, float2 pixel)
     return low >= 0.0f || high <= 0.0f;
 }
 
-// Adds to counts (R, N_PARTS, N_CODES) the codes of samples on all cones of the first R of `poses`,
+// Adds to counts (N_PARTS, N_CODES) the codes of samples on all cones of the first of `poses`,
 // ROWS along and COLUMNS across each: of those that no other cone lies before
 // or behind, so that a limb that is taken for another, or hidden, teaches nothing. One work-group
-// per camera and run. row_parts: (N_CONES, ROWS), -1 for cones that are not looked for in the images.
+// per camera. row_parts: (N_CONES, ROWS), -1 for cones that are not looked for in the images.
 __kernel __attribute__((reqd_work_group_size(GROUP, 1, 1)))
 void count_colours(int width, int height, __global const float *cameras,
                    __global const float *poses, __global const float *table,
@@ -62,10 +62,10 @@ void count_colours(int width, int height, __global const float *cameras,
     __local vfloat cones[N_CONES * CONE_FLOATS];
     __local float body[BODY_FLOATS];
     __local float2 corners[4 * N_CONES];
-    const int lane = get_local_id(0), view = get_group_id(0), run = get_group_id(1);
+    const int lane = get_local_id(0), view = get_group_id(0);
     __global const float *camera = cameras + view * CAMERA_FLOATS;
     take_body(table, body);
-    take_pose(poses, run, run + 1, body, turns);
+    take_pose(poses, 0, 1, body, turns);
     pose_bones(turns, body, frames, 0);
     place_cones(body, frames, cones);
     for (int c = lane; c < N_CONES; c += GROUP) {
@@ -96,7 +96,7 @@ void count_colours(int width, int height, __global const float *cameras,
             alone = other == c || !within_corners(corners + 4 * other, pixel);
         const int code = codes[(size_t)view * width * height + at];
         if (alone && code < HIDDEN_CODE)
-            atomic_inc(counts + (run * N_PARTS + part) * N_CODES + code);
+            atomic_inc(counts + part * N_CODES + code);
     }
 }
 
@@ -115,19 +115,19 @@ INLINED float total(float value, __local float *sums)
     return sum;
 }
 
-// Moves histograms (R, N_PARTS, N_CODES) on by the counts, which it clears, and makes of them ratios
-// (R, N_PARTS, N_CODES): the log of how much likelier each code is on the part than on the mean part,
+// Moves histograms (N_PARTS, N_CODES) on by the counts, which it clears, and makes of them ratios
+// (N_PARTS, N_CODES): the log of how much likelier each code is on the part than on the mean part,
 // RATIO_STEPS at `bound` and beyond; less for parts of fewer than `least` samples. decay: what
-// histograms keep. rare: added to likelihoods. One work-group per run, of an item per code.
+// histograms keep. rare: added to likelihoods. One work-group, of an item per code.
 __kernel __attribute__((reqd_work_group_size(N_CODES, 1, 1)))
 void learn_colours(float decay, float rare, float bound, float least, __global int *counts,
                    __global float *histograms, __global char *ratios)
 {
     __local float sums[N_CODES];
-    const int code = get_local_id(0), first = get_group_id(0) * N_PARTS * N_CODES;
+    const int code = get_local_id(0);
     float share[N_PARTS], weight[N_PARTS], mean = 0.0f, n_known = 0.0f;
     for (int part = 0; part < N_PARTS; ++part) {
-        const int at = first + part * N_CODES + code;
+        const int at = part * N_CODES + code;
         const float value = decay * histograms[at] + (float)counts[at];
         histograms[at] = value;
         counts[at] = 0;
@@ -141,6 +141,6 @@ void learn_colours(float decay, float rare, float bound, float least, __global i
     for (int part = 0; part < N_PARTS; ++part) {
         const float ratio = log((share[part] + rare) / (mean + rare)) * weight[part] / bound;
         const float step = rint(RATIO_STEPS * clamp(ratio, -1.0f, 1.0f));
-        ratios[first + part * N_CODES + code] = code < HIDDEN_CODE ? (char)step : 0;
+        ratios[part * N_CODES + code] = code < HIDDEN_CODE ? (char)step : 0;
     }
 }

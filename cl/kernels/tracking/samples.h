@@ -19,13 +19,12 @@ typedef struct {
     vint edge, n_edge, inside, n_inside, colour, n_colour, contour, n_contour;
 } samples;
 
-// What is looked up in the pictures themselves: their codes, the tables of log ratios and where that
-// of each particle's run begins, the part of every row, their contours along each normal, the pixels
-// of a picture, and what the means of both weigh.
+// What is looked up in the pictures themselves: their codes, the table of log ratios, the part of
+// every row, their contours along each normal, the pixels of a picture, and what the means of both
+// weigh.
 typedef struct {
     __global const uchar *codes;
     __global const char *ratios;
-    vint table;
     __global const int *row_parts;
     __global const uchar *contours;
     int n_pixels;
@@ -79,17 +78,17 @@ INLINED vint in_outline(__local const vfloat *corners, vfloat x, vfloat y)
 
 // Adds the sample at pixel (x, y), whose half is added already, of the picture's codes, which say both
 // where the silhouette is, as the map's first channel does, and, where it is `visible` and nothing
-// hides its colour, the log ratio of that; table: where the part's ratios begin.
+// hides its colour, the log ratio of that; ratios: the part's.
 static inline void take_colour(__global const float *camera, __global const uchar *codes,
-                               __global const char *ratios, vint table, int width, vfloat x,
-                               vfloat y, vint visible, samples *sums)
+                               __global const char *ratios, int width, vfloat x, vfloat y,
+                               vint visible, samples *sums)
 {
     const vint inside = (x >= 0.0f) & (y >= 0.0f) & (x < camera[23]) & (y < camera[24]);
     const vint pixel = inside ? TO_INT(y) * width + TO_INT(x) : 0;
 #define CODE(l) codes[LANE_OF(pixel, l)]
     const vint code = PACK_OF(vint, CODE);
 #undef CODE
-#define RATIO(l) ratios[LANE_OF(table, l) + LANE_OF(code, l)]
+#define RATIO(l) ratios[LANE_OF(code, l)]
     const vint value = PACK_OF(vint, RATIO);
 #undef RATIO
     const vint coloured = inside & visible & (code != HIDDEN_CODE);
@@ -162,8 +161,8 @@ INLINED void take_row(__global const float *camera, __global const uchar *map, i
         const vfloat x = left_x + (column + 0.5f) * step_x;
         const vfloat y = left_y + (column + 0.5f) * step_y;
         if (coloured)
-            take_colour(camera, cues.codes, cues.ratios, cues.table + part * N_CODES,
-                        width, x, y, seen_sample(outlines, x, y, hidden), sums);
+            take_colour(camera, cues.codes, cues.ratios + part * N_CODES, width, x, y,
+                        seen_sample(outlines, x, y, hidden), sums);
         else
             take_sample(camera, map, width, x, y, &sums->inside, &sums->n_inside);
     }

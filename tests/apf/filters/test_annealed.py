@@ -100,30 +100,6 @@ def test_runs_repeat_bit_by_bit(device: Device, n_layers: int) -> None:
     assert np.any(other[0].pose != first[0].pose)
 
 
-@pytest.mark.parametrize(
-    "settings",
-    [
-        {"n_particles": 37, "n_layers": 3, "velocity": 0.5},
-        {"n_particles": 20, "n_layers": 2, "silhouette_recall_weight": 1.0, "refinement_steps": 0},
-    ],
-)
-def test_runs_at_once_are_those_of_their_seeds_alone(device: Device, settings: dict) -> None:
-    """Bit by bit, and in any place among the others."""
-    world, config = World(device), FilterConfig.create(**{"last_survival": 0.2, **settings})
-    seeds = (4, 2**40 + 1, 0)
-    tracker = AnnealedParticleFilter(world.scene(), config, seeds=seeds)
-    tracker.start(world.pose(0))
-    found = [tracker.step_runs(world.voxels(frame)) for frame in range(3)]
-    for place, seed in enumerate(seeds):
-        for alone, together in zip(
-            run(world, config.with_changes(seed=seed), 3), found, strict=True
-        ):
-            assert_equal(together[place], alone)
-            np.testing.assert_array_equal(together[place].information, alone.information)
-            assert together[place].misfit == alone.misfit
-    assert np.any(found[0][0].pose != found[0][1].pose)
-
-
 @pytest.mark.parametrize("kind", ["own", "gpu"])
 def test_streams_give_what_steps_do(device: Device, kind: str) -> None:
     """Bit by bit, though every observation overwrites the one before; twice, a new start between;
@@ -215,20 +191,24 @@ def test_frames_agree_with_the_twin(device: Device, settings: dict, n_layers: in
 
 
 def test_a_moving_body_is_followed(device: Device) -> None:
-    """With so few cameras 1 run in 4 has lost a limb by the end (4 of 16 seeds), none the body. Of
-    8 runs that keep every joint with probability 3 / 4, fewer than 3 do in 1 case of 240."""
+    """With so few cameras 1 run in 4 has lost a limb by the end (4 of 16 seeds), none the body:
+    none of 4 runs keeps every joint in 1 case of 256."""
     world = World(device)
     config = FilterConfig.create(n_particles=200, n_layers=6)
-    tracker = AnnealedParticleFilter(world.scene(), config, seeds=range(8))
-    tracker.start(world.pose(0))
+    trackers = [
+        AnnealedParticleFilter(world.scene(), config.with_changes(seed=seed)) for seed in range(4)
+    ]
+    for tracker in trackers:
+        tracker.start(world.pose(0))
     for frame in range(12):
-        runs = tracker.step_runs(world.voxels(frame))
+        voxels = world.voxels(frame)
+        runs = [tracker.step(voxels) for tracker in trackers]
     start, end = posed_joints(world.body, np.stack([world.pose(0), world.pose(11)]))
     moved = np.linalg.norm(end - start, axis=-1)
     missed = np.linalg.norm([end - run.joints for run in runs], axis=-1)
     assert moved.mean() > 0.15
     assert missed.mean(1).max() < 0.08
-    assert np.sum(missed.max(1) < 0.15) >= 3
+    assert (missed.max(1) < 0.15).any()
     for last in runs:
         np.testing.assert_array_equal(
             last.joints, posed_joints(world.body, last.pose[None])[0], strict=True

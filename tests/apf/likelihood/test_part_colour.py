@@ -161,16 +161,16 @@ def test_trackers_learn_at_their_estimates(device: Device) -> None:
     pictures = device.to_device(images)
     tracker.start(world.pose(0))
     colours = tracker.likelihood.terms["part_colour"]
-    expected = np.zeros(colours.histograms.shape[1:])
+    expected = np.zeros(colours.histograms.shape)
     for frame in range(2):
         voxels: Any = world.voxels(frame)
         voxels.pictures = lambda: pictures
         pose = tracker.step(voxels).pose
         counts = count_codes(rig, SONG, pose, colours.codes.get())
         expected = DECAY * expected + counts
-        found = colours.histograms.get()[0]
+        found = colours.histograms.get()
         assert np.abs(found - expected).sum() < 0.05 * expected.sum()
-        ratios = colours.ratios.get()[0].astype(int)
+        ratios = colours.ratios.get().astype(int)
         assert np.abs(ratios - compute_ratios(found)).max() <= 1
     assert expected.sum() > 100 and colours.ratios.get().any()
     tracker.start(world.pose(0))

@@ -151,7 +151,8 @@ def tracked(run: Live, observed: ObservedFrame) -> Estimate:
     run.expect(observed)
     tracker = run.persons[0].tracker
     tracker.observe(observed.seen[0][0])
-    return tracker.search_runs()[0]
+    tracker.enqueue_search()
+    return tracker.fetch_estimate()()
 
 
 def test_stopped_it_keeps_what_it_has(filmed: Path) -> None:

@@ -22,9 +22,7 @@ from apf.tracking.recovery import (
     GLOBAL_RESTART,
     LOCAL_RESTART,
     TRACKED,
-    RecoveringRuns,
     RecoveringTracker,
-    Restart,
 )
 from apf.tracking.trackers import make_recovering_tracker
 from cl import Device
@@ -155,34 +153,3 @@ def test_one_who_leaves_and_comes_back_elsewhere_is_tracked_again(
     true = posed_joints(SONG, np.stack([walker(0), walker(9, 1.0)]))
     for row, place in ((0, 0), (-1, 1)):
         assert np.linalg.norm(track.joints[row] - true[place], axis=-1).mean() < 0.08
-
-
-class OnLines:
-    """Several followers at once, the first of which has short arms."""
-
-    def __init__(self) -> None:
-        self.runs = [OnALine(0.1), OnALine(1.0)]
-
-    def start(self, pose: np.ndarray) -> None:
-        for run in self.runs:
-            run.start(pose)
-
-    def restart(self, run: int, pose: np.ndarray) -> None:
-        self.runs[run].start(pose)
-
-    def step_runs(self, person: float) -> list[Estimate]:
-        return [run.step(person) for run in self.runs]
-
-
-def test_of_several_runs_only_the_lost_one_is_started_again() -> None:
-    tracker = OnLines()
-    watched = [RecoveringTracker(Restart(tracker, run), lambda: OnALine(1.0)) for run in (0, 1)]
-    runs = RecoveringRuns(watched, tracker)
-    runs.start(np.zeros(1))
-    tracker.runs[1].starts.clear()
-    found = [runs.step(place) for place in (0.0, 0.05, 0.9, 0.95)]
-    assert [[e.restart for e in frame] for frame in found] == [
-        [TRACKED, TRACKED], [TRACKED, TRACKED], [LOCAL_RESTART, TRACKED], [TRACKED, TRACKED],
-    ]  # fmt: skip
-    assert [frame[0].pose[0] for frame in found] == [0.0, 0.05, 0.9, 0.95]
-    assert tracker.runs[0].starts[-1] == 0.9 and not tracker.runs[1].starts

@@ -23,7 +23,6 @@ from apf.initialisation.kept_voxels import RestoredVoxels, crop_voxels
 from apf.reference.likelihood.voxel import uncrop
 from apf.scene import Scene
 from apf.tracking.limb_confidence import LEAST_DISTANCE, SAME_PLACE
-from apf.tracking.recovery import RecoveringRuns
 from apf.tracking.trackers import make_recovering_tracker
 from apf.tracking.two_way import (
     TwoWays,
@@ -186,11 +185,6 @@ class Follower:
         return np.zeros(len(poses))
 
 
-class Forward(Follower):
-    def step(self, shown: float) -> list[Estimate]:  # type: ignore[override]
-        return [super().step(shown)]
-
-
 def frames(n: int, ending: BaseException | None = None) -> Iterator[tuple[int, float]]:
     for k in range(n):
         yield 5 + k, 0.01 * k
@@ -201,7 +195,7 @@ def frames(n: int, ending: BaseException | None = None) -> Iterator[tuple[int, f
 def track_both_ways(
     found: list[tuple[int, list[Estimate]]],
     device: Device | NumpyDevice,
-    forward: Any,
+    forward: list[Any],
     back: list[Any],
     seen: Iterator[tuple[int, Any]],
     progress: Callable[[str], object] = lambda stage: None,
@@ -223,7 +217,7 @@ def short_windows(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_windows_overlap_and_give_every_frame_once(short_windows: None) -> None:
     back, told, found = Follower(), list[str](), list[tuple[int, list[Estimate]]]()
-    track_both_ways(found, NumpyDevice(), Forward(), [back], frames(25), told.append)
+    track_both_ways(found, NumpyDevice(), [Follower()], [back], frames(25), told.append)
     assert [index for index, _ in found] == list(range(5, 30))
     for (_, (one,)), (_, shown) in zip(found, frames(25), strict=True):
         assert one.pose[0] == pytest.approx(BODY.rest_pose[0] + shown)
@@ -278,7 +272,7 @@ def test_what_ends_the_frames_is_raised_after_them(
 ) -> None:
     back, found = Follower(), list[tuple[int, list[Estimate]]]()
     with pytest.raises(type(ending)):
-        track_both_ways(found, NumpyDevice(), Forward(), [back], frames(7, ending))
+        track_both_ways(found, NumpyDevice(), [Follower()], [back], frames(7, ending))
     assert len(found) == 7 and len(back.seen) == 7
 
 
@@ -295,7 +289,7 @@ def test_what_ends_the_way_back_leaves_the_way_ahead(
 
     found: list[tuple[int, list[Estimate]]] = []
     with pytest.raises(type(ending)):
-        track_both_ways(found, NumpyDevice(), Forward(), [Follower()], frames(n), progress)
+        track_both_ways(found, NumpyDevice(), [Follower()], [Follower()], frames(n), progress)
     assert len(found) == kept and np.isnan(found[3][1][0].disagreement).all()
 
 
@@ -319,24 +313,24 @@ def test_errors_are_the_twins(device: Device) -> None:
 def test_an_arm_that_began_wrong_is_right_from_the_end_back(device: Device) -> None:
     method = Method.create(n_particles=60, n_layers=4, limb_search_reach=1.0)
     scene = Scene(device, scenes.ring(4), GRID, SONG)
-    forward = RecoveringRuns([make_recovering_tracker(scene, method)])
+    forward = make_recovering_tracker(scene, method)
     forward.start(moved(walker(0), l_upper_arm__rx=-0.7))
-    alone = []
+    alone = list[Estimate]()
 
     class Heard:
-        def step(self, observation: object) -> list[Estimate]:
+        def step(self, observation: object) -> Estimate:
             alone.append(forward.step(observation))
             return alone[-1]
 
     seen = ((k, surface_voxels(device, walker(k))) for k in range(8))
     back = [make_recovering_tracker(scene, method)]
     found: list[tuple[int, list[Estimate]]] = []
-    track_both_ways(found, device, Heard(), back, seen)
+    track_both_ways(found, device, [Heard()], back, seen)
     wrist = SONG.joint_names.index("l_wrist")
     true = posed_joints(SONG, np.stack([walker(k) for k in range(8)]))[:, wrist]
     by_one, by_both = (
-        np.linalg.norm(np.stack([one[0].joints[wrist] for one in way]) - true, axis=1)
-        for way in (alone, [estimates for _, estimates in found])
+        np.linalg.norm(np.stack([one.joints[wrist] for one in way]) - true, axis=1)
+        for way in (alone, [estimates[0] for _, estimates in found])
     )
     assert by_one[0] > 0.12 and by_one[-1] < 0.08
     assert by_both.max() < 0.08
