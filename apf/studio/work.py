@@ -19,6 +19,7 @@ from cl.probe import module_command
 from psfs.common.files import temporary_folder
 from psfs.common.requests import Request, list_options
 from psfs.common.system import PATIENCE
+from psfs.footage.memory import store
 from psfs.page.words import REFRESH
 
 #: Characters of progress bars and tables, which the page has in its own way.
@@ -95,8 +96,9 @@ class Work:
         self._files = ExitStack()
         program, subcommand = request.COMMAND.split()
         words = [subcommand, *state_flags(request)]
+        folder = self._files.enter_context(temporary_folder())
         if tables := request.stated.tables:
-            settings = self._files.enter_context(temporary_folder()) / "settings.toml"
+            settings = folder / "settings.toml"
             settings.write_text(tomli_w.dumps(dict(tables)), encoding="utf-8")
             words += ["--config", str(settings)]
         self.command = [program, *words]
@@ -108,7 +110,7 @@ class Work:
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
-            env=environment,
+            env={**environment, **store(folder / "results.pickle")},
             text=True,
             errors="replace",
             start_new_session=True,

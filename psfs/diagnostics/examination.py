@@ -91,7 +91,7 @@ class Diagnosis:
 
 def diagnose(session: Session) -> Diagnosis:
     """Find the faults of a session's footage in small pictures of some hundred frames."""
-    return session.compute_once(diagnose, lambda: _recall(session, diagnose, _find_faults))
+    return session.compute_once(diagnose, lambda: _recall(session, "diagnosis", _find_faults))
 
 
 def _recall(session: Session, key: object, compute: Callable[[Session], R]) -> R:
@@ -199,7 +199,7 @@ def examine(session: Session, all_cameras: bool = False) -> Examination:
 
 def _correct_rig(session: Session, diagnosis: Diagnosis) -> Session:
     """Return a session whose rig has the pixels hidden by furniture and corrected directions."""
-    key = (find_hidden_pixels, session.settings)
+    key = ("hidden pixels", session.settings)
     hidden = _recall(session, key, find_hidden_pixels)
     if hidden is not None:
         session = session.with_sequence(session.sequence.with_rig(session.rig.with_hidden(hidden)))

@@ -2,17 +2,22 @@
 
 Reconstructing, checking and tracking one take begin with the same background and diagnosis. What
 one of them computed, the next one gets without computing it again, although each opens the take by
-itself. Results are forgotten when another folder is asked about, or when a file has changed.
+itself. Results are forgotten when another folder is asked about, or when a file has changed. A
+process hands them to a command that it starts by `store`.
 """
 
 from __future__ import annotations
 
+import os
+import pickle
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
 R = TypeVar("R")
 
+#: Variable of the environment that names the file of another process's results.
+STORED = "PSFS_RECALLED"
 #: The folder, and the results with their keys.
 _KNOWN: dict[Path, list[tuple[object, Any]]] = {}
 
@@ -25,6 +30,8 @@ def recall(
 
     key: all that the result depends on. keeps: whether a result is kept.
     """
+    if stored := os.environ.pop(STORED, None):
+        _KNOWN.update(pickle.loads(Path(stored).read_bytes()))
     if folder not in _KNOWN:
         _KNOWN.clear()
     results = _KNOWN.setdefault(folder, [])
@@ -35,3 +42,10 @@ def recall(
     if keeps(result):
         results.append((key, result))
     return result
+
+
+def store(file: Path) -> dict[str, str]:
+    """Write the results to a file; return the environment in which a command of this user finds
+    them."""
+    file.write_bytes(pickle.dumps(_KNOWN))
+    return {STORED: str(file)}

@@ -24,6 +24,7 @@ from psfs.background.gaussian import (
 )
 from psfs.common.pictures import read_picture
 from psfs.footage.media import open_media
+from psfs.footage.memory import store
 from psfs.footage.threads import prefetch
 from psfs.footage.video import VideoDecoder
 from psfs.output.reconstruction_folder import reopen_sequence, sequence_facts
@@ -415,3 +416,13 @@ def test_a_large_result_is_not_kept(tmp_path: Path) -> None:
     for number in range(2):
         found = Sequence.open(folder).recall("stage", lambda n=number: n, lambda _: False)
         assert found == number
+
+
+def test_a_command_gets_the_results_of_the_process_that_starts_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = footage.native(tmp_path / "walk")
+    Sequence.open(folder).recall("stage", lambda: "found")
+    monkeypatch.setenv(*store(tmp_path / "results").popitem())
+    monkeypatch.setattr("psfs.footage.memory._KNOWN", {})
+    assert Sequence.open(folder).recall("stage", lambda: "computed") == "found"
