@@ -15,7 +15,7 @@ from apf.evaluation.angle_truth import (
     mean_error,
 )
 from apf.evaluation.conventions import axes_that_fit, choose_convention
-from apf.evaluation.evaluate import LOST_FRAMES, LOST_JOINT, LOST_LIMB, Evaluation, evaluate
+from apf.evaluation.evaluate import LOST_FRAMES, LOST_JOINT, Evaluation, evaluate
 from apf.evaluation.evaluation_plot import write_plot
 from apf.evaluation.marker_truth import MarkerSet, evaluate_markers, load_markers
 from apf.evaluation.people import MATCHED, PeopleEvaluation, evaluate_people, find_followed
@@ -23,6 +23,7 @@ from apf.evaluation.truth import load_people_truth, load_truth
 from apf.formats.c3d import read_c3d
 from apf.formats.trc import JointSeries
 from apf.request import EvaluateRequest
+from apf.tracking.limb_confidence import LOST_LIMB
 from apf.tracking.people import PeopleTracks, holds_people, person_folder
 from apf.tracking.track import Track, spans
 from cl import InputError

@@ -7,9 +7,6 @@ from contextlib import suppress
 
 import numpy as np
 
-from apf.evaluation.evaluate import evaluate
-from apf.evaluation.people import find_followed
-from apf.evaluation.truth import load_people_truth
 from apf.report import PAGE
 from apf.request import TrackRequest
 from apf.takes.job import list_inputs
@@ -58,6 +55,10 @@ def describe_spread(take: Take) -> list[str]:
     tracks = take.tracks
     if len(tracks) == 1:
         return []
+    from apf.evaluation.evaluate import evaluate  # which take a while to load
+    from apf.evaluation.people import find_followed
+    from apf.evaluation.truth import load_people_truth
+
     joints = np.stack([track.joints for track in tracks])
     away = 1000 * np.linalg.norm(joints - joints.mean(0), axis=-1)
     lines = [f"{len(tracks)} runs: joints lie {away.mean():.1f} mm from the runs' mean"]

@@ -15,7 +15,7 @@ from apf.evaluation.angle_truth import AngleError, summarise_angles
 from apf.evaluation.joint_names import EVALUATED_JOINTS, TOES, evaluated_joints, match_joints
 from apf.formats.joint_csv import write_columns
 from apf.formats.trc import JointSeries
-from apf.tracking.limb_confidence import SAME_PLACE
+from apf.tracking.limb_confidence import LOST_LIMB, SAME_PLACE
 from apf.tracking.track import Track
 from apf.tracking.uncertainty import is_inside_ellipsoid
 from cl import InputError
@@ -24,9 +24,8 @@ from psfs.common.numbers import find_true_runs, json_number, mean_known
 
 #: A joint farther than this from the truth, m, counts as lost in that frame.
 LOST_JOINT = SAME_PLACE
-#: A limb counts as lost if its end is farther than this, m, from the truth in more than so many
+#: A limb counts as lost if its end is farther than LOST_LIMB from the truth in more than so many
 #: consecutive frames, or in the last frame.
-LOST_LIMB = 0.200
 LOST_FRAMES = 10
 
 

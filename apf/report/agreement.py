@@ -14,10 +14,10 @@ from apf.body.cones import project_outlines
 from apf.body.kinematics import posed_cones
 from apf.body.limbs import LIMB_ENDS, limb_chains
 from apf.body.model import BodyModel
-from apf.evaluation.evaluate import LOST_JOINT
 from apf.keypoints.keypoints import Keypoints
 from apf.keypoints.landmarks import locate_points
 from apf.report.drawing import check_indices
+from apf.tracking.limb_confidence import SAME_PLACE
 from apf.tracking.track import Track
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.config import TriangulationConfig
@@ -224,7 +224,7 @@ def measure_keypoint_agreement(track: Track, keypoints: Keypoints, rig: CameraRi
     depths = [(expected @ camera.R[2] + camera.t[2]) / camera.K[0, 0] for camera in rig]
     apart = (off * depths).reshape(seen.shape[:-1])
     sure = (np.nan_to_num(seen[..., 2]) >= TriangulationConfig().min_confidence) & ~np.isnan(apart)
-    near = sure & (apart <= LOST_JOINT) & (apart >= 0)
+    near = sure & (apart <= SAME_PLACE) & (apart >= 0)
     with np.errstate(invalid="ignore"):
         shares: np.ndarray = near.sum((0, 2)) / sure.sum((0, 2))
     return shares

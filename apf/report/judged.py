@@ -11,7 +11,7 @@ import numpy as np
 
 from apf.body.surface import paint
 from apf.keypoints.keypoints import Keypoints
-from apf.report import OVERLAY, PAGE
+from apf.report import FILES, OVERLAY, PAGE
 from apf.report.agreement import (
     Agreement,
     choose_rows,
@@ -28,11 +28,6 @@ from psfs.background.gaussian import SAMPLES
 from psfs.common.files import read_text, write_json
 from psfs.common.numbers import pick_evenly
 from psfs.session import Session
-
-#: Files of a track besides summary and page, as the summary lists them.
-FILES = (
-    "track.npz", "joints.trc", "joints.csv", "body.toml", "start.txt", "settings.toml", OVERLAY,
-)  # fmt: skip
 
 
 def judge_track(

@@ -22,10 +22,15 @@ import numpy as np
 
 from apf.body.limbs import limb_names
 from apf.body.model import plain_name
-from apf.evaluation.evaluate import LOST_JOINT, LOST_LIMB
 from apf.report.agreement import VOXEL_FAR, Agreement, choose_rows, find_parts
 from apf.tracking.correction import list_corrections
-from apf.tracking.limb_confidence import LEAST_SECONDS, LOST, lasts_long_enough
+from apf.tracking.limb_confidence import (
+    LEAST_SECONDS,
+    LOST,
+    LOST_LIMB,
+    SAME_PLACE,
+    lasts_long_enough,
+)
 from apf.tracking.track import Track, spans
 from psfs.common.numbers import json_number, mean_known
 from psfs.common.ranges import NAMED
@@ -158,7 +163,7 @@ class Quality:
             error += _ERROR_UNCOVERED * max(1 / max(overlap, 0.01) - 1, 0.0)
             error += VOXEL_FAR * (1 - mean_known(self.agreement.explained[rows], nothing=1.0))
         if self.near is not None:
-            error += LOST_JOINT * (1 - mean_known(self.near[held], nothing=1.0))
+            error += SAME_PLACE * (1 - mean_known(self.near[held], nothing=1.0))
         lost = float(self.lost.sum()) / there
         return (1 - lost) * float(error) + lost * _ERROR_LOST
 

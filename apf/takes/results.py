@@ -7,22 +7,14 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from apf.body.model import BodyModel
 from apf.body.toml import save_body
 from apf.formats.pose import write_pose
-from apf.report import OVERLAY, PAGE
-from apf.report.drawing import write_overlay
-from apf.report.judged import (
-    FILES,
-    judge_track,
-    paint_surface,
-    write_report,
-)
-from apf.report.page import write_page
-from apf.report.quality import Quality
+from apf.report import FILES, OVERLAY, PAGE
 from apf.report.summary import SUMMARY
 from apf.takes.job import TrackJob
 from apf.tracking.people import PeopleTracks, person_folder
@@ -35,6 +27,9 @@ from psfs.diagnostics.examination import Examination
 from psfs.opening import stated_keys
 from psfs.output.reconstruction_folder import device_facts, sequence_facts
 from psfs.sequence import Sequence
+
+if TYPE_CHECKING:
+    from apf.report.quality import Quality
 
 #: The files and folders of a take's results.
 RESULTS = (*FILES, SUMMARY, PAGE, PARTS, PEOPLE)
@@ -145,6 +140,9 @@ def write_tracks(job: TrackJob, take: Take) -> None:
 def finish_take(job: TrackJob, examination: Examination, take: Take) -> list[Judgement]:
     """Write overlay.mp4, summary.json and report.html for every seed, as the request says. An
     interrupted track gets only a summary, and is not compared with the silhouettes."""
+    from apf.report.drawing import write_overlay  # reports take a while to load
+    from apf.report.judged import judge_track, paint_surface, write_report
+
     request, line, session, opened = job.request, job.progress, examination.session, job.keypoints
     n_done, n_frames = len(take.tracks[0]), line.n_frames
     whole = not was_interrupted(take.tracks[0], n_frames)
@@ -193,6 +191,9 @@ def write_together(job: TrackJob, tracks: PeopleTracks, sequence: Sequence, whol
     folder, line = job.request.output, job.progress
     if len(job.seeds) > 1 or folder is None:
         return
+    from apf.report.drawing import write_overlay
+    from apf.report.page import write_page
+
     tracks.save_list(folder)
     if whole and job.request.video:
         line.n_frames = len(tracks.frames)

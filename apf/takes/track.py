@@ -6,7 +6,6 @@ import time
 from dataclasses import dataclass, replace
 
 from apf.initialisation.start import StartError
-from apf.report.judged import keep_judged_frames
 from apf.report.summary import read_summary, read_tracked_grid
 from apf.request import TrackingRequest, TrackRequest
 from apf.takes.job import TrackJob, list_seeds
@@ -190,6 +189,8 @@ def _keep_judged(job: TrackJob, session: Session) -> None:
     """Keep the frames that the report is about while the person is tracked."""
     request = job.request
     if request.method.uses_voxels and request.report and request.output is not None:
+        from apf.report.judged import keep_judged_frames  # takes a while to load
+
         keep_judged_frames(session)
 
 

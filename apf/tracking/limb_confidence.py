@@ -29,6 +29,9 @@ from apf.body.model import BodyModel
 LOST = 0.5
 #: Distance, m, up to which two positions of a joint or limb's end are the same place.
 SAME_PLACE = 0.15
+#: A limb counts as lost if its end is farther than this, m, from the truth for long, see
+#: `apf.evaluation.evaluate`.
+LOST_LIMB = 0.200
 #: Time, s, that a track must last for its limbs to be judged: the passes over a shorter one all
 #: begin at nearly the same pose, and agree on it even if it is wrong.
 LEAST_SECONDS = 0.5

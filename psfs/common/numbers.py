@@ -8,7 +8,7 @@ import scipy
 #: Metres per unit of length.
 METRES = {"mm": 1e-3, "cm": 1e-2, "m": 1.0}
 #: An inch, m.
-INCH = scipy.constants.inch
+INCH = 0.0254
 #: Rotation that takes Y up to Z up, the x axis staying: (x, y, z) becomes (x, -z, y).
 FROM_Y_UP = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
 #: Probability of each test that sound footage, or a sound camera, is accused.

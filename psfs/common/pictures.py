@@ -14,8 +14,6 @@ import numpy as np
 # suppresses FFmpeg's messages; we raise errors ourselves
 os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
 
-from PIL import Image, UnidentifiedImageError
-
 from cl import InputError
 from psfs.common.ranges import MOST_PIXELS, check_picture_size
 from psfs.common.reading import open_input, parsing
@@ -81,11 +79,13 @@ def _check_header(path: Path, content: np.ndarray) -> None:
 
     OpenCV would fill the missing part with grey.
     """
+    from PIL import Image  # takes a while to load
+
     try:
         with warnings.catch_warnings(), Image.open(io.BytesIO(content.data)) as picture:
             warnings.simplefilter("ignore")
             size, kind = picture.size, picture.format
-    except (UnidentifiedImageError, OSError, ValueError, SyntaxError, Image.DecompressionBombError):
+    except (OSError, ValueError, SyntaxError, Image.DecompressionBombError):
         raise InputError(f"{path}: cannot be decoded; expected an image") from None
     check_picture_size(size, f"{path}: claims")
     data = content.tobytes()

@@ -17,8 +17,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
 
-from PIL import Image
-
 from psfs.common.numbers import INCH
 from psfs.common.reading import open_input
 from psfs.footage.media import IMAGE_SUFFIXES
@@ -97,6 +95,8 @@ def _read_picture(path: Path) -> StatedLens | None:
 
 def _read_exif(path: Path) -> tuple[tuple[int, int], dict[int, Any]]:
     """Return a picture's size and the tags of its EXIF table, none if it cannot be read."""
+    from PIL import Image  # takes a while to load
+
     with open_input(path, "a picture") as file, warnings.catch_warnings():
         warnings.simplefilter("ignore")
         try:
