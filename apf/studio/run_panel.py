@@ -26,7 +26,8 @@ from psfs.sequence import Sequence
 if TYPE_CHECKING:
     import viser
 
-_OURS = "default"
+#: What fields say before anything is stated.
+_OURS, _ALL, _UNKNOWN = "default", "all", "not known"
 #: Factor by which the track of a run must have grown to be shown again.
 _LONGER = 1.5
 
@@ -55,8 +56,8 @@ class RunPanel:
         self.preset = gui.add_dropdown(
             "preset", [_OURS, *PRESETS], initial_value=_OURS, hint="a paper's whole system"
         )
-        self.frames = gui.add_text("frames", "", hint="a:b, counted from 0, b excluded; empty: all")
-        self.height = gui.add_text("height, m", "", hint="of the person; empty: not known")
+        self.frames = gui.add_text("frames", _ALL, hint="or a:b, counted from 0, b excluded")
+        self.height = gui.add_text("height, m", _UNKNOWN, hint="of the person")
         self.people = gui.add_dropdown("people", ["auto", "1", "2", "3", "4"], initial_value="auto")
         self.fast = gui.add_checkbox(
             "forward only", False, hint="half of the time, less accurate (--one-way)"
@@ -93,14 +94,16 @@ class RunPanel:
         assert self._sequence is not None
         capture, people = self._sequence.settings, read_choice(self.people)
         preset, box = read_choice(self.preset), self._volume()
+        frames, height = self.frames.value.strip(), self.height.value.strip()
+        metres = [] if height == _UNKNOWN else read_metres(self.height, "height")
         found = find_keypoints(self._sequence.folder) if self.keypoints.value else None
         stated: dict[str, Any] = {
             "folders": (self._sequence.folder,),
             "device": self._device,
             "people": people if people == "auto" else int(people),
             "preset": None if preset == _OURS else preset,
-            "frames": frame_range(text) if (text := self.frames.value.strip()) else None,
-            "height": next(iter(read_metres(self.height, "height")), None),
+            "frames": None if frames in ("", _ALL) else frame_range(frames),
+            "height": next(iter(metres), None),
             "one_way": self.fast.value or None,
             "keypoints": None if found is None else str(found),
             "calibration": capture.calibration,

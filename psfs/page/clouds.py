@@ -250,7 +250,7 @@ class CarvedClouds:
         if self._error:
             return self._error
         if self._n_done < self._n_frames:
-            return f"voxels: {self._n_done} of {self._n_frames} frames carved so far"
+            return f"voxels are being computed: {self._n_done} of {self._n_frames} frames so far"
         if self._kept.get(frame) is not None:
             return ""
         return f"no voxels: memory holds those of {len(self._kept)} of {self._n_frames} frames"
