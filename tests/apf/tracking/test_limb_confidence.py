@@ -49,7 +49,8 @@ def test_what_speaks_against_a_limb(monkeypatch: pytest.MonkeyPatch) -> None:
         margins = np.full((n, 4), 0.3)
         margins[n // 2 :, 0] = 0.02
         ends[n // 2 :, 1, 2] += 0.06 * (-1.0) ** np.arange(n - n // 2)
-        monkeypatch.setattr("apf.tracking.limb_confidence._CONSTANT", -18.4)  # stricter
+        stricter = (-18.4, 36.1, -0.033, 0.0)
+        monkeypatch.setattr("apf.tracking.limb_confidence._ONE_PASS", stricter)
         believed = limb_confidence(margins, ends, times)
         assert believed[: n // 4].min() > 0.75 and believed[:, 2:].min() > 0.75
         assert believed[3 * n // 4 :, :2].max() < 0.45
@@ -58,7 +59,7 @@ def test_what_speaks_against_a_limb(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_ways_that_disagree_are_not_believed() -> None:
-    """Whatever else there is; where the other way is not known, margin and jitter say it."""
+    """Where the other way is not known, margin and jitter alone say it."""
     margins, ends, times = np.full((30, 4), 0.3), np.zeros((30, 4, 3)), np.arange(30) / 30
     margins[:, ARM + 1] = np.nan
     apart = np.full((30, 4), 0.03)
