@@ -30,16 +30,15 @@ class _SmallGroups:
         return getattr(self._handle, name)
 
 
-class Unoptimised:
-    """Programs of a device, of which those whose text has a word in it are built without
-    optimisation, in a fraction of the time: what nobody runs on this device."""
+class _Unoptimised:
+    """Programs of a device that are built without optimisation, in a fraction of the time: what
+    nobody runs on this device."""
 
-    def __init__(self, programs: Programs, word: str = "") -> None:
-        self._programs, self._word = programs, word
+    def __init__(self, programs: Programs) -> None:
+        self._programs = programs
 
     def kernel(self, source: str, name: str, file: str, options: str) -> Kernel:
-        more = " -cl-opt-disable" if self._word in source else ""
-        return self._programs.kernel(source, name, file, options + more)
+        return self._programs.kernel(source, name, file, f"{options} -cl-opt-disable")
 
 
 def other_kind(device: Device) -> Device:
@@ -48,7 +47,7 @@ def other_kind(device: Device) -> Device:
     other: Any = Device(device.handle)
     other.info = replace(device.info, kind="cpu" if device.is_gpu else "gpu")
     if not device.is_gpu:
-        other.handle, other.programs = _SmallGroups(device.handle), Unoptimised(other.programs)
+        other.handle, other.programs = _SmallGroups(device.handle), _Unoptimised(other.programs)
     return other
 
 
