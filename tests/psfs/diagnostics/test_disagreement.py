@@ -40,6 +40,9 @@ class Spoilt:
     def __len__(self) -> int:
         return min(len(self._sequence), 100)
 
+    def recall(self, key: object, compute: Callable[[], object], *_: object) -> object:
+        return compute()
+
     @contextmanager
     def reader(self, learning: bool) -> Iterator[Callable[[int], Frame]]:
         with self._sequence.reader(learning) as read:
