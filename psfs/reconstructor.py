@@ -52,8 +52,7 @@ class Reconstructor:
     ) -> None:
         config = config or ReconstructionConfig()
         self.device, self.rig, self.config = device, rig, config
-        n_parts = 0 if body is None else body.cones.shape[1]
-        self.silhouette = Silhouette(device, rig, background, config.silhouette, n_parts=n_parts)
+        self.silhouette = Silhouette(device, rig, background, config.silhouette)
         maps, step = self.silhouette.evidence, config.silhouette.evidence.step
         self.body = body
         self._packed_body, prior = self._attach_body()
@@ -76,7 +75,7 @@ class Reconstructor:
         foreground = self.silhouette.foreground
         if foreground is None:
             return packed, packed
-        self._body_location = BodyLocation(self.device, self.rig, foreground.prior, packed)
+        self._body_location = BodyLocation(self.device, self.rig, foreground.prior.location, packed)
         return packed, None
 
     @property

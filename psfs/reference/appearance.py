@@ -16,17 +16,16 @@ from psfs.voxels.grid import VoxelGrid
 class NumpyForeground:
     """The same results as `Foreground`; `learn` takes the pictures, evidence and surface.
 
-    colours, location, parts: as in `ForegroundPrior`, of `n_parts` parts beside the person.
+    colours, location: as in `ForegroundPrior`.
     """
 
-    def __init__(self, rig: CameraRig, config: SilhouetteConfig, n_parts: int = 0) -> None:
+    def __init__(self, rig: CameraRig, config: SilhouetteConfig) -> None:
         self.rig, self.config, self.appearance = rig, config, config.appearance
-        self.colours: np.ndarray = np.zeros((1 + n_parts, BINS**3), np.int8)
+        self.colours: np.ndarray = np.zeros(BINS**3, np.int8)
         self.location = np.zeros((len(rig), *cells(rig)), np.int8)
-        self.parts = np.zeros(self.location.shape, np.int8)
         self.marked = np.zeros(self.location.shape, bool)
-        self._memory = np.zeros((1 + n_parts, *(BINS,) * 3))
-        self._totals = np.zeros(1 + n_parts)
+        self._memory = np.zeros((BINS,) * 3)
+        self._total = 0.0
 
     def learn(
         self, images: np.ndarray, evidence: np.ndarray, grid: VoxelGrid, surface: np.ndarray
@@ -35,7 +34,6 @@ class NumpyForeground:
         voxels made of them, flat indices (N,)."""
         marked = self.marks(grid, surface)
         self.marked = marked
-        drawn = np.where(self.location > 0, self.parts, 0)
         self.location[:] = 0
         if len(surface) >= self.appearance.min_surface:
             size = 2 * self.appearance.reach + 1
@@ -46,7 +44,7 @@ class NumpyForeground:
                 for view in marked
             ]
             self.location = location_odds(self.config)[np.stack(near)]
-        self._count(images, evidence, marked, drawn)
+        self._count(images, evidence, marked)
 
     def forget_location(self) -> None:
         self.location[:] = 0
@@ -69,26 +67,22 @@ class NumpyForeground:
                 marked[view, y0 : y1 + 1, x0 : x1 + 1] = True
         return marked
 
-    def _count(
-        self, images: np.ndarray, evidence: np.ndarray, marked: np.ndarray, drawn: np.ndarray
-    ) -> None:
-        """Count the colours of the person, and of parts in the cells `drawn` (V, rows, columns)."""
+    def _count(self, images: np.ndarray, evidence: np.ndarray, marked: np.ndarray) -> None:
+        """Count the colours of the person."""
         middle = CELL // 2
         seen = evidence[:, middle::CELL, middle::CELL] > 0
         samples = images[:, middle::CELL, middle::CELL][seen].astype(int) * BINS // 256
-        person, part = (of[:, : seen.shape[1], : seen.shape[2]][seen] for of in (marked, drawn))
+        samples = samples[marked[:, : seen.shape[1], : seen.shape[2]][seen]]
         self._memory *= self.appearance.keep
-        self._totals *= self.appearance.keep
-        if person.sum() <= max_samples(self.rig, self.appearance):
-            for table in range(len(self._totals)):
-                own = samples[part == table if table else person]
-                np.add.at(self._memory[table], tuple(own.T), 1)
-                self._totals[table] += len(own)
+        self._total *= self.appearance.keep
+        if len(samples) <= max_samples(self.rig, self.appearance):
+            np.add.at(self._memory, tuple(samples.T), 1)
+            self._total += len(samples)
         blurred = self._memory
-        for axis in (1, 2, 3):
+        for axis in range(3):
             blurred = scipy.ndimage.convolve1d(blurred, [0.25, 0.5, 0.25], axis, mode="constant")
         prior, uniform = self.appearance.prior_samples, self.appearance.uniform
-        density = (prior + blurred * BINS**3) / (prior + self._totals[:, None, None, None])
+        density = (prior + blurred * BINS**3) / (prior + self._total)
         nats = np.log(uniform + (1 - uniform) * density)
         counts = np.minimum(np.rint(self.config.evidence.ratio_steps * nats), 127)
         self.colours = counts.astype(np.int8).reshape(self.colours.shape)

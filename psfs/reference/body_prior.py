@@ -6,10 +6,9 @@ from __future__ import annotations
 import numpy as np
 
 from psfs.cameras.camera import BLOCK, CameraRig
-from psfs.cameras.rig_geometry import cell_rays, cells
+from psfs.cameras.rig_geometry import cell_rays
 from psfs.common.cones import cone_distances, ray_cone_distances
 from psfs.voxels.body_prior import (
-    COLOUR_REACH,
     EDGE,
     LOW_WIDTH,
     WIDTH,
@@ -35,17 +34,15 @@ def body_evidence(points: np.ndarray, cones: np.ndarray, step: float) -> np.ndar
 
 def body_location(
     rig: CameraRig, cones: np.ndarray, config: ReconstructionConfig
-) -> tuple[np.ndarray | None, np.ndarray]:
+) -> np.ndarray | None:
     """Return the location prior (V, rows, columns) int8, counts of `ratio_steps`, of a body with
-    cones (C, 16), NaN where they are unknown, None if all are; and the number from 1 of the cone
-    that each cell shows or is near to, (V, rows, columns) int8, 0 if it is none."""
+    cones (C, 16), NaN where they are unknown, None if all are."""
     steps = config.silhouette.evidence.ratio_steps
     inside, outside = location_counts(cones, steps)
-    numbers = 1 + np.flatnonzero(np.isfinite(cones).all(-1))
-    known = cones[numbers - 1]
-    odds, parts = [], []
+    known = cones[np.isfinite(cones).all(-1)]
+    odds: list[np.ndarray] = []
     if not len(known):
-        return None, np.zeros((len(rig), *cells(rig)), np.int8)
+        return None
     low = find_low_cones(known, config.silhouette.floor.height)
     for camera, rays in zip(rig, cell_rays(rig), strict=True):
         distances = ray_cone_distances(camera.centre, rays.reshape(-1, 3), known)
@@ -53,6 +50,4 @@ def body_location(
         width = np.where(low & (distances < 0), LOW_WIDTH, WIDTH)
         counts = (-steps * distances / width).max(1)
         odds.append(np.rint(np.clip(counts, outside, inside)).reshape(rays.shape[:2]))
-        shown = np.where(distances.min(1) < COLOUR_REACH, numbers[distances.argmin(1)], 0)
-        parts.append(shown.reshape(rays.shape[:2]))
-    return np.stack(odds).astype(np.int8), np.stack(parts).astype(np.int8)
+    return np.stack(odds).astype(np.int8)

@@ -48,8 +48,7 @@ class NumpyReconstructor:
         silhouette = self.config.silhouette
         scene = background is not None and not isinstance(background, ChromaKey)
         learning = scene and silhouette.appearance.learn
-        n_parts = 0 if body is None else body.cones.shape[1]
-        self.foreground = NumpyForeground(rig, silhouette, n_parts) if learning else None
+        self.foreground = NumpyForeground(rig, silhouette) if learning else None
         self.body = body
         self._before: int | None = None
         self._latest = np.zeros((len(rig), rig.height, rig.width), np.int8)
@@ -87,10 +86,9 @@ class NumpyReconstructor:
     def _evidence(self, frame: Frame) -> np.ndarray:
         config, light = self.config.silhouette, self._light(frame)
         if self.body is not None and self.foreground is not None:
-            own, cones = self.foreground, self.body[frame.index]
-            location, own.parts = body_location(self.rig, cones, self.config)
+            location = body_location(self.rig, self.body[frame.index], self.config)
             if location is not None:
-                own.location = location
+                self.foreground.location = location
         return frame_evidence(frame, self.rig, self.background, config, self.foreground, light)
 
     def _light(self, frame: Frame) -> np.ndarray | None:

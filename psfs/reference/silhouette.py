@@ -72,8 +72,7 @@ def _appearance_counts(
     if foreground is None:
         return np.zeros(image.shape[:2], int)
     blue, green, red = np.moveaxis(image.astype(int) * BINS // 256, -1, 0)
-    parts = expand_cells(foreground.parts[view], image.shape)
-    colours = foreground.colours[parts, (blue * BINS + green) * BINS + red].astype(int)
+    colours = foreground.colours[(blue * BINS + green) * BINS + red].astype(int)
     return colours + expand_cells(foreground.location[view], image.shape)
 
 

@@ -52,17 +52,14 @@ class SurfaceVoxels(Protocol):
 class ForegroundPrior(NamedTuple):
     """The prior of a frame's silhouettes, on the device, in counts of `EvidenceConfig.ratio_steps`.
 
-    colours: (1 + parts, BINS^3) int8, log of the colour density of the person, and of each part if
-    the parts are known, over the uniform density, from histograms with exponential forgetting.
-    location: (V, rows, columns) int8, log odds of foreground in every cell, where the voxels
-    reproject, blurred by the distance that the person may move until the next frame. parts: (V,
-    rows, columns) int8, the table of `colours` of every cell, 0 for that of the whole person; (1,)
-    if no parts are known.
+    colours: (BINS^3,) int8, log of the person's colour density over the uniform density, from a
+    histogram with exponential forgetting. location: (V, rows, columns) int8, log odds of foreground
+    in every cell, where the voxels reproject, blurred by the distance that the person may move
+    until the next frame.
     """
 
     colours: Array
     location: Array
-    parts: Array
 
 
 class Foreground:
@@ -100,9 +97,8 @@ class Foreground:
         self.near = device.zeros((views, rows, columns), np.uint8, "the location prior")
         # With a border, cleared at the end of every frame.
         self._marks = device.zeros(marked, np.uint8, "the location prior")
-        histograms = (prior.colours.shape[0], BINS**3 + 1)
-        self._counts = device.zeros(histograms, np.int32, "the colour histograms")
-        self._memory = device.zeros(histograms, np.float32, "the colour histograms")
+        self._counts = device.zeros(BINS**3 + 1, np.int32, "the colour histogram")
+        self._memory = device.zeros(BINS**3 + 1, np.float32, "the colour histogram")
         self._surface: Array | None = None
         self._position: tuple[float, ...] = ()
         self._launches: list[Launch] = []
@@ -133,7 +129,6 @@ class Foreground:
         # No reference to the voxels: they refer to the silhouettes, and a reference cycle would
         # keep all their memory.
         self._surface, device = voxels.surface, self._device
-        bins = (BINS**3 + 1, self.prior.colours.shape[0])
         views, rows, columns = self.prior.location.shape
         picture = self._rig.picture
         defines = self._defines() | size_defines(device, picture, voxels.grid.shape)
@@ -168,19 +163,20 @@ class Foreground:
                 odds=self._odds,
                 images=self._pictures,
                 evidence=self._evidence,
-                parts=self.prior.parts,
                 location=self.prior.location,
                 near=self.near,
                 counts=self._counts,
             ),
-            launch("fade", bins, (64, 1), counts=self._counts, memory=self._memory, most=most),
+            launch(
+                "fade", (BINS**3 + 1,), (64,), counts=self._counts, memory=self._memory, most=most
+            ),
             launch(
                 "colour_table",
-                bins,
-                (64, 1),
+                (BINS**3 + 1,),
+                (64,),
                 counts=self._counts,
-                memories=self._memory,
-                tables=self.prior.colours,
+                memory=self._memory,
+                table=self.prior.colours,
                 n_marks=self._marks.size,
                 marks=self._marks,
             ),
@@ -191,7 +187,6 @@ class Foreground:
         return {
             **self._rig.defines,
             **{"CELL": CELL, "BINS": BINS, "REACH": config.reach},
-            "PARTS": int(self.prior.colours.shape[0] > 1),
             "MIN_SURFACE": config.min_surface,
             **{"KEEP": float(config.keep), "UNIFORM": float(config.uniform)},
             "PRIOR": float(config.prior_samples),

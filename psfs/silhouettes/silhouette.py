@@ -39,8 +39,7 @@ class Silhouette:
 
     The foreground is uniform (Song et al.: for the first frame) until `foreground` was fitted to a
     reconstruction. `foreground` is None for masks, for a screen of one colour, and if
-    `AppearanceConfig.learn` is off. It has colours of `n_parts` parts beside those of the whole
-    person, if there are any; the caller writes which cells show which.
+    `AppearanceConfig.learn` is off.
     """
 
     def __init__(
@@ -49,12 +48,9 @@ class Silhouette:
         rig: CameraRig,
         background: Background | None,
         config: SilhouetteConfig | None = None,
-        *,
-        n_parts: int = 0,
     ) -> None:
         check_stack(len(rig), rig.picture)
         self.device, self._config = device, config or SilhouetteConfig()
-        self._n_parts = n_parts
         self.rig, self.background = rig, background
         self.foreground: Foreground | None = None
         shape = (len(rig), rig.height, rig.width)
@@ -135,11 +131,9 @@ class Silhouette:
         # Two at a time: those of all views of 4K would take a gigabyte.
         for view, planes in enumerate(map_in_threads(fill, range(len(rig)), 2)):
             scene.region(view * size, planes.shape, np.float32).set(planes)
-        cells_of_views = (len(rig), rows, columns)
         prior = ForegroundPrior(
-            device.zeros((1 + self._n_parts, BINS**3), np.int8, "the foreground's colours"),
-            device.zeros(cells_of_views, np.int8, "the location prior"),
-            device.zeros(cells_of_views if self._n_parts else 1, np.int8, "the parts"),
+            device.zeros(BINS**3, np.int8, "the foreground's colours"),
+            device.zeros((len(rig), rows, columns), np.int8, "the location prior"),
         )
         shade = device.empty((len(rig), rows + 2, columns + 2), np.uint8, "the floor's light")
         light = device.to_device(steady_light(len(rig)), "the light")
@@ -239,7 +233,6 @@ class Silhouette:
             "LOWEST": evidence.ratio_range[0],
             "HIGHEST": evidence.ratio_range[1],
             "BINS": BINS,
-            "PARTS": int(self._n_parts > 0),
             "CELL": CELL,
         }
 

@@ -15,7 +15,6 @@ from psfs.cameras.rig_geometry import CELL, cell_rays, cells
 from psfs.common.cones import CONE_FLOATS, largest_slopes
 from psfs.common.npz import Values, read_npz
 from psfs.common.ranges import spans
-from psfs.silhouettes.appearance import ForegroundPrior
 from psfs.voxels.config import ReconstructionConfig
 
 #: Log odds, nats, that a voxel or pixel well within the body shows the person.
@@ -29,11 +28,9 @@ EDGE = 0.02
 #: Distance, m, at the drawn body's edge over which the log odds of pixels fall by 1 nat, and the
 #: same within parts lower than LOW, m, above the floor, whose shadows look like shoes.
 WIDTH, LOW_WIDTH, LOW = 0.01, 0.0035, 0.2
-#: Distance, m, from the drawn body up to which pixels are compared with the colours of its nearest
-#: part instead of those of the whole person.
-COLOUR_REACH = 0.1
-#: Places of a cone's slope and of its part among its floats, where `psfs.common.cones` leaves a 0.
-_SLOPE, _PART = 11, 15
+#: Places of a cone's slope and of whether it is low among its floats, where `psfs.common.cones`
+#: leaves a 0.
+_SLOPE, _LOW = 11, 15
 #: The arrays of a `track.npz` that are read here; a cone of which nothing is known is NaN.
 _ARRAYS = {
     "frames": Values(("F",), "int", low=0),
@@ -153,25 +150,23 @@ def pack_body(config: ReconstructionConfig, cones: np.ndarray) -> np.ndarray:
     packed = np.zeros((len(cones) + 1, CONE_FLOATS), np.float32)
     packed[0, :5] = inside, outside, EDGE, EDGE, len(known)
     packed[0, 5:7] = location_counts(cones, steps)
-    packed[0, 7:10] = steps / WIDTH, steps / LOW_WIDTH, COLOUR_REACH
+    packed[0, 7:9] = steps / WIDTH, steps / LOW_WIDTH
     packed[1 : len(known) + 1] = known
     packed[1 : len(known) + 1, _SLOPE] = largest_slopes(known)
-    low = find_low_cones(known, config.silhouette.floor.height)
-    numbers = 1 + np.flatnonzero(np.isfinite(cones).all(-1))
-    packed[1 : len(known) + 1, _PART] = np.where(low, -numbers, numbers)
+    packed[1 : len(known) + 1, _LOW] = find_low_cones(known, config.silhouette.floor.height)
     return packed
 
 
 class BodyLocation:
     """Computation of a frame's location prior, in place of the one by the voxels of the frame
-    before, and of the part of the body that each cell shows.
+    before.
 
-    prior: what a call computes of it is `location` and `parts`. body: the body as `pack_body` packs
+    location: (V, rows, columns) int8, as in `ForegroundPrior`. body: the body as `pack_body` packs
     it; where it has no known cones, the location stays as it is. Kernel: body_location.cl; twin:
     `psfs.reference.body_prior.body_location`.
     """
 
-    def __init__(self, device: Device, rig: CameraRig, prior: ForegroundPrior, body: Array) -> None:
+    def __init__(self, device: Device, rig: CameraRig, location: Array, body: Array) -> None:
         rows, columns = cells(rig)
         centres = np.pad(rig.centres, ((0, 0), (0, 1))).astype(np.float32)
         defines = {"CELL": CELL, **size_defines(device, rig.picture)}
@@ -184,8 +179,7 @@ class BodyLocation:
             centres=device.to_device(centres, "the cameras' centres"),
             rays=device.to_device(cell_rays(rig).astype(np.float32), "the cells' rays"),
             body=body,
-            parts=prior.parts,
-            location=prior.location,
+            location=location,
         )
 
     def __call__(self) -> None:

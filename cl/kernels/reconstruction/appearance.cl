@@ -1,10 +1,10 @@
 // What the reconstructed person teaches about the next frame (psfs/silhouettes/appearance.py): the
 // colours that he wears, and the location prior, by where he was; twin: reference/appearance.py.
 // Cells are CELL x CELL pixels.
-// Defines: CELL; REACH (cells); BINS per channel; whether PARTS have colours of their own; MIN_SURFACE; KEEP; UNIFORM; PRIOR; STEPS (table entries per nat).
+// Defines: CELL; REACH (cells); BINS per channel; MIN_SURFACE; KEEP; UNIFORM; PRIOR; STEPS (table entries per nat).
 #if !defined(BINS) || !defined(CAMERA_FLOATS) || !defined(CELL) || !defined(KEEP) || \
-    !defined(MIN_SURFACE) || !defined(PARTS) || !defined(PRIOR) || !defined(REACH) || !defined(STEPS) || !defined(UNIFORM)
-#error "reconstruction/appearance.cl needs BINS, CAMERA_FLOATS, CELL, KEEP, MIN_SURFACE, PARTS, PRIOR, REACH, STEPS and UNIFORM"
+    !defined(MIN_SURFACE) || !defined(PRIOR) || !defined(REACH) || !defined(STEPS) || !defined(UNIFORM)
+#error "reconstruction/appearance.cl needs BINS, CAMERA_FLOATS, CELL, KEEP, MIN_SURFACE, PRIOR, REACH, STEPS and UNIFORM"
 #endif
 #include "common/camera.h"
 #include "reconstruction/cells.h"
@@ -39,13 +39,12 @@ __kernel void mark(int2 picture, int3 grid, __global const float *restrict camer
 }
 
 // Log odds of foreground in the next frame: by `odds` from the number of marks within REACH cells,
-// `near` if there are any; none when there is nobody. Counts the colours of marked cells that look like foreground, and in
-// the histograms of parts those of cells within a drawn part, where the log odds were above 0.
+// `near` if there are any; none when there is nobody. Counts the colours of marked cells that look
+// like foreground.
 __kernel void observe(int2 picture, __global const uchar *restrict marks, __global const char *restrict odds,
                       __global const int *restrict n_surface,
                       __global const uchar *restrict images, __global const char *restrict evidence,
-                      __global const char *restrict parts, __global char *restrict location,
-                      __global uchar *restrict near, __global int *restrict counts)
+                      __global char *restrict location, __global uchar *restrict near, __global int *restrict counts)
 {
     const int x = get_global_id(0), y = get_global_id(1), view = get_global_id(2);
     if (x >= CELLS_X || y >= CELLS_Y) return;
@@ -54,49 +53,39 @@ __kernel void observe(int2 picture, __global const uchar *restrict marks, __glob
     for (int row = 0; row <= 2 * REACH; ++row)
         for (int column = 0; column <= 2 * REACH; ++column) n_near += corner[row * MARKS_X + column];
     const int cell = (view * CELLS_Y + y) * CELLS_X + x;
-    const int part = PARTS && location[cell] > 0 ? parts[cell] : 0;
     location[cell] = *n_surface >= MIN_SURFACE ? odds[n_near] : (char)0;
     near[cell] = n_near > 0;
 
     const int column = CELL * x + CELL / 2, row = CELL * y + CELL / 2;
-    const int marked = corner[REACH * MARKS_X + REACH];
-    if (!(marked | part) || column >= WIDTH || row >= HEIGHT) return;
+    if (!corner[REACH * MARKS_X + REACH] || column >= WIDTH || row >= HEIGHT) return;
     const int pixel = (view * HEIGHT + row) * WIDTH + column;
     if (evidence[pixel] <= 0) return;
     __global const uchar *colour = images + 3 * pixel;
     const int b = colour[0] * BINS / 256, g = colour[1] * BINS / 256, r = colour[2] * BINS / 256;
     const int bin = (b * BINS + g) * BINS + r;
-    if (marked) {
-        atomic_inc(&counts[bin]);
-        atomic_inc(&counts[N_BINS]);
-    }
-    if (part == 0) return;
-    __global int *own = counts + part * (N_BINS + 1);
-    atomic_inc(&own[bin]);
-    atomic_inc(&own[N_BINS]);
+    atomic_inc(&counts[bin]);
+    atomic_inc(&counts[N_BINS]);
 }
 
 // memory = KEEP memory + counts, unless more than `most`, a person's share of the cells was counted.
-// The last entry of a histogram is the total; the first is that of the whole person, the others of parts.
+// The last entry is the total.
 __kernel void fade(int most, __global const int *restrict counts, __global float *restrict memory)
 {
-    if (get_global_id(0) > N_BINS) return;
-    const int bin = get_global_id(1) * (N_BINS + 1) + get_global_id(0);
+    const int bin = get_global_id(0);
+    if (bin > N_BINS) return;
     memory[bin] = KEEP * memory[bin] + (counts[N_BINS] <= most ? counts[bin] : 0);
 }
 
-// Log density of the colours of the person and of each part over the uniform one, in 1 / STEPS nats. The histogram is
+// Log density of the person's colours over the uniform one, in 1 / STEPS nats. The histogram is
 // blurred by (1 2 1) / 4 along each channel, mixed with PRIOR samples of every colour alike, and
 // keeps a share UNIFORM of colours never seen. The counts and the n_marks marks are cleared for the
 // next frame.
-__kernel void colour_table(__global const float *restrict memories, __global char *restrict tables,
+__kernel void colour_table(__global const float *restrict memory, __global char *restrict table,
                            __global int *restrict counts, int n_marks, __global uchar *restrict marks)
 {
-    const int bin = get_global_id(0), part = get_global_id(1);
-    if (part == 0)
-        for (int i = bin; i < n_marks; i += get_global_size(0)) marks[i] = 0;
-    __global const float *memory = memories + part * (N_BINS + 1);
-    if (bin <= N_BINS) counts[part * (N_BINS + 1) + bin] = 0;
+    const int bin = get_global_id(0);
+    for (int i = bin; i < n_marks; i += get_global_size(0)) marks[i] = 0;
+    if (bin <= N_BINS) counts[bin] = 0;
     if (bin >= N_BINS) return;
     const int b = bin / (BINS * BINS), g = bin / BINS % BINS, r = bin % BINS;
     float sum = 0.0f;
@@ -115,5 +104,5 @@ __kernel void colour_table(__global const float *restrict memories, __global cha
     const float samples = sum / 64.0f * N_BINS;
     const float density = (PRIOR + samples) / (PRIOR + memory[N_BINS]);
     const float nats = log(UNIFORM + (1.0f - UNIFORM) * density);
-    tables[part * N_BINS + bin] = (char)rint(fmin(STEPS * nats, 127.0f));
+    table[bin] = (char)rint(fmin(STEPS * nats, 127.0f));
 }

@@ -5,14 +5,14 @@
 // the light factor where the light is above FULLY_LIT, and in shadows), FLOOR_DEPTH (1 / variance
 // of its shadows), RIM_SHARE, RIM_COST (nats), RIM_CHROMA (1 / the chroma's share of the luma's
 // variance) and whether there is a RIM at all, STEPS (counts of log ratio per nat), LOWEST and HIGHEST (counts), BINS of a colour
-// channel, whether parts of the person have colours of their own (PARTS); CELL (px); PACK; SPAN (px), SUM_REACH (px, 0 or 1), SMOOTH_REACH
+// channel; CELL (px); PACK; SPAN (px), SUM_REACH (px, 0 or 1), SMOOTH_REACH
 // (px, 0 to 2), CONTRAST (1 / grey levels^2).
 #if !defined(BINS) || !defined(CELL) || \
     !defined(FLOOR_DEPTH) || !defined(FLOOR_LOW) || !defined(CONTRAST) || !defined(SMOOTH_REACH) || !defined(FLOOR_VARIANCE) || \
-    !defined(FULLY_LIT) || !defined(LIT_VARIANCE) || !defined(PACK) || !defined(PARTS) || !defined(RIM) || !defined(RIM_CHROMA) || !defined(RIM_COST) || \
+    !defined(FULLY_LIT) || !defined(LIT_VARIANCE) || !defined(PACK) || !defined(RIM) || !defined(RIM_CHROMA) || !defined(RIM_COST) || \
     !defined(RIM_SHARE) || !defined(SHADOW_HIGH) || !defined(SHADOW_LOW) || \
     !defined(SPAN) || !defined(STEPS) || !defined(SUM_REACH)
-#error "reconstruction/silhouette.cl needs BINS, CELL, CONTRAST, FLOOR_DEPTH, FLOOR_LOW, FLOOR_VARIANCE, FULLY_LIT, LIT_VARIANCE, PACK, PARTS, RIM, RIM_CHROMA, RIM_COST, RIM_SHARE, SHADOW_HIGH, SHADOW_LOW, SMOOTH_REACH, SPAN, STEPS and SUM_REACH"
+#error "reconstruction/silhouette.cl needs BINS, CELL, CONTRAST, FLOOR_DEPTH, FLOOR_LOW, FLOOR_VARIANCE, FULLY_LIT, LIT_VARIANCE, PACK, RIM, RIM_CHROMA, RIM_COST, RIM_SHARE, SHADOW_HIGH, SHADOW_LOW, SMOOTH_REACH, SPAN, STEPS and SUM_REACH"
 #endif
 #include "reconstruction/background.h"
 #include "reconstruction/cells.h"
@@ -65,14 +65,13 @@ static inline vint between_cells(int2 picture, __global const uchar *cells, int 
     return sum;
 }
 
-// What the tables of the pixels' parts have for their colours; `parts` is what the cells' row has.
-static inline vint by_colour(int2 picture, __global const char *tables, __global const char *parts, __global const uchar *pixel, int x)
+// What the table has for the pixels' colours.
+static inline vint by_colour(__global const char *table, __global const uchar *pixel)
 {
-    const vint part = PARTS ? by_cell(picture, parts, x) : 0;
 #define BIN(value) ((value) * BINS >> 8)
 #define ENTRY(l) \
-    tables[((LANE_OF(part, l) * BINS + BIN(pixel[3 * 0x##l])) * BINS + BIN(pixel[3 * 0x##l + 1])) * BINS + \
-           BIN(pixel[3 * 0x##l + 2])]
+    table[(BIN(pixel[3 * 0x##l]) * BINS + BIN(pixel[3 * 0x##l + 1])) * BINS + \
+          BIN(pixel[3 * 0x##l + 2])]
     return PACK_OF(vint, ENTRY);
 #undef ENTRY
 }
@@ -82,14 +81,14 @@ static inline vfloat luma_of(Colour c) { return 0.114f * c.b + 0.587f * c.g + 0.
 // Log of the background's density over the foreground's, in counts of 1 / STEPS nats.
 // `background` holds, per view, planes of floats: mean of the channels (3), 1 / sigma^2 of the
 // channels (3), log of the background's peak density over the uniform foreground's, 1 / variance
-// of the light factor. `colours` holds the log of the foreground's density over the uniform one, a
-// table for each part, `parts` the cells' tables, `location` the log odds of foreground by cell; both in counts; `floor_light` that of floor_light.cl,
+// of the light factor. `colours` holds the log of the foreground's density over the uniform one,
+// `location` the log odds of foreground by cell; both in counts; `floor_light` that of floor_light.cl,
 // `light` that of light.cl. `ratios` has a border of one pixel. `luma` is that of the pictures.
 __kernel void log_ratio(int2 picture, __global const uchar *restrict images,
                         __global const float *restrict background,
                         __global const int2 *restrict sizes,
                         __global const char *restrict colours,
-                        __global const char *restrict location, __global const char *restrict parts,
+                        __global const char *restrict location,
                         __global const uchar *restrict floor_light,
                         __global const float *restrict light,
                         __global char *restrict ratios, __global uchar *restrict luma)
@@ -125,8 +124,7 @@ __kernel void log_ratio(int2 picture, __global const uchar *restrict images,
 
     const vfloat uniform_ratio = LOAD_PACK(plane + 6 * PIXELS) - own[10] - 0.5f * nearest;
     const int cells = (view * CELLS_Y + y / CELL) * CELLS_X;
-    const vint known = by_colour(picture, colours, parts + cells, colour, x) +
-                       by_cell(picture, location + cells, x);
+    const vint known = by_colour(colours, colour) + by_cell(picture, location + cells, x);
     const vchar counts = in_counts(STEPS * uniform_ratio - TO_FLOAT(known));
     STORE_PACK(TO_CHAR(in_picture(sizes, view, x, y) ? TO_INT(counts) : 0),
                ratios + ratio_place(picture, view, x, y));
@@ -223,7 +221,7 @@ static inline vfloat mixed(int2 picture, __global const uchar *colour,
 // has a border of one; the picture's outermost two pixels do not count.
 __kernel void rim(int2 picture, __global const uchar *restrict images, __global const float *restrict background,
                   __global const char *restrict colours, __global const char *restrict location,
-                  __global const char *restrict parts, __global const char *restrict evidence, __global const float *restrict light,
+                  __global const char *restrict evidence, __global const float *restrict light,
                   __global char *restrict ratios, __global uchar *restrict shown)
 {
     const int block_x = get_global_id(0), block_y = get_global_id(1), view = get_global_id(2);
@@ -245,7 +243,7 @@ __kernel void rim(int2 picture, __global const uchar *restrict images, __global 
             __global const uchar *colour = images + 3 * here;
             const vfloat ratio = mixed(picture, colour, background + (size_t)(7 * view) * PIXELS + here,
                                        evidence + here, light + LIGHT_FLOATS * view, x, y) -
-                                 TO_FLOAT(by_colour(picture, colours, parts + cells, colour, x) +
+                                 TO_FLOAT(by_colour(colours, colour) +
                                           by_cell(picture, location + cells, x));
             __global char *old = ratios + ratio_place(picture, view, x, y);
             const vchar counts = in_counts(ratio);

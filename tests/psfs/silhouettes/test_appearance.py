@@ -76,22 +76,6 @@ def test_the_persons_colour_is_learnt_and_nobody_elses() -> None:
     assert colours.min() >= np.floor(never_seen)
 
 
-def test_a_part_learns_the_colours_that_are_drawn_within_it() -> None:
-    """Also where no voxel reprojects; another part, of which nothing is drawn, learns none."""
-    rig, frame, _ = scene()
-    learner = NumpyForeground(rig, SilhouetteConfig(), n_parts=2)
-    images = np.full_like(frame.images, 200)
-    images[:, :, : rig.width // 2] = 40
-    learner.parts[:, :, : learner.parts.shape[2] // 2] = 1
-    learner.location[learner.parts == 1] = 5
-    learner.parts[:, :, -3:] = 2
-    evidence = np.full(images.shape[:3], 9, np.int8)
-    learner.learn(images, evidence, scenes.small_grid(), np.zeros(0, int))
-    whole, drawn, other = learner.colours.reshape(3, BINS, BINS, BINS)
-    assert not whole.any() and not other.any()
-    assert np.unravel_index(drawn.argmax(), drawn.shape) == (40 * BINS // 256,) * 3
-
-
 def test_a_picture_full_of_foreground_teaches_no_colours() -> None:
     rig, frame, _ = scene()
     learner = NumpyForeground(rig, SilhouetteConfig())
