@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import chain, islice
 from typing import TypeAlias
@@ -48,12 +48,23 @@ class Background:
     mean: np.ndarray
     std: np.ndarray
 
+    @classmethod
+    def blank(cls, rig: CameraRig) -> Background:
+        """Return a background of a rig that is to be filled."""
+        shape = (len(rig), rig.height, rig.width, 3)
+        return cls(np.zeros(shape, np.float32), np.full(shape, STD_FLOOR, np.float32))
+
+    def views(self, rig: CameraRig) -> list[Moments]:
+        """Return the moments (h, w, 3) of each view: parts of these arrays."""
+        both = self.mean, self.std, [camera.size for camera in rig]
+        return [(m[:h, :w], s[:h, :w]) for m, s, (w, h) in zip(*both, strict=True)]
+
 
 def estimate_background(rig: CameraRig, media: Sequence[Media]) -> Background:
     """Estimate the background from all frames of an empty scene, one video or list of images per
     view."""
     moments = map_in_threads(view_moments, media, _VIEWS_AT_ONCE)
-    return Background(*stack_views(rig, moments))
+    return stack_views(rig, moments)
 
 
 def view_moments(view: Media) -> Moments:
@@ -80,20 +91,33 @@ def clipped_moments(
     a passing shadow or a compression artefact. Only a few pictures are in memory at a time, not the
     video.
     """
-    mean, variance, count = _moments(frames, None)
-    most = _CLIP * with_prior(variance, count)
+    mean, variance, number = _moments(frames, None)
     # Bounds are whole grey levels: comparing bytes takes a sixth of the time of floats.
-    bounds = np.ceil(mean - most).clip(0, 255), np.floor(mean + most).clip(0, 255)
-    low, high = (bound.astype(np.uint8) for bound in bounds)
-    clipped, variance, count = _moments(frames, (low, high))
-    return np.where(count > 0, clipped, mean), with_prior(variance, count)
+    low, high = np.empty((2, *mean.shape), np.uint8)
+    for band in _bands(mean):
+        most = _CLIP * with_prior(variance[band], np.float32(number[band]))
+        low[band] = np.ceil(mean[band] - most).clip(0, 255)
+        high[band] = np.floor(mean[band] + most).clip(0, 255)
+    del variance, number  # before there are others: of 4K they take 125 MB
+    clipped, variance, number = _moments(frames, (low, high))
+    for band in _bands(mean):
+        np.copyto(clipped[band], mean[band], where=number[band] == 0)
+        variance[band] = with_prior(variance[band], np.float32(number[band]))
+    return clipped, variance
+
+
+def _bands(picture: np.ndarray) -> Iterator[slice]:
+    """Yield the rows of a picture (h, w, 3) float32 that are processed at a time."""
+    rows = max(1, _BAND_BYTES // picture[0].nbytes)
+    return (slice(top, top + rows) for top in range(0, len(picture), rows))
 
 
 def _moments(
     frames: Iterable[np.ndarray], within: tuple[np.ndarray, np.ndarray] | None
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return mean, variance and number (h, w, 3) float32 of the values used: all, or those `within`
-    the lowest and highest value (h, w, 3) uint8 of each pixel and channel."""
+    """Return mean and variance (h, w, 3) float32, and the number (h, w, 3), of the values used:
+    all, or those `within` the lowest and highest value (h, w, 3) uint8 of each pixel and
+    channel."""
     left = iter(frames)
     lots = (_sums(first, islice(left, _LOT - 1), within) for first in left)
     total, squares, number = next(lots)
@@ -102,17 +126,12 @@ def _moments(
             sums.astype(np.float64) + of
             for sums, of in zip((total, squares, number), more, strict=True)
         )
-    found = np.empty((3, *total.shape), np.float32)
-    rows = max(1, _BAND_BYTES // total[0].nbytes)
-    for top in range(0, len(total), rows):  # float64 of all would take much memory
-        band = slice(top, top + rows)
-        count = number[band].astype(np.float64)
-        used = np.maximum(count, 1)
+    for band in _bands(total):  # float64 of all would take much memory
+        used = np.maximum(number[band].astype(np.float64), 1)
         mean = total[band] / used
-        found[0, band], found[2, band] = mean, count
-        found[1, band] = np.maximum(squares[band] / used - mean * mean, 0)
-    mean, variance, count = found
-    return mean, variance, count
+        squares[band] = np.maximum(squares[band] / used - mean * mean, 0)
+        total[band] = mean
+    return np.asarray(total, np.float32), np.asarray(squares, np.float32), number
 
 
 def _sums(
@@ -217,13 +236,11 @@ def with_prior(variance: np.ndarray, count: np.ndarray | int) -> np.ndarray:
 
 def stack_views(
     rig: CameraRig,
-    moments: Iterable[tuple[np.ndarray, np.ndarray]],
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return mean and standard deviation (V, H, W, 3) of a `Background` from those (h, w, 3) of
-    each view."""
-    shape = (len(rig), rig.height, rig.width, 3)
-    mean, std = np.zeros(shape, np.float32), np.full(shape, STD_FLOOR, np.float32)
-    for view, (middle, spread) in enumerate(moments):
-        height, width = middle.shape[:2]
-        mean[view, :height, :width], std[view, :height, :width] = middle, spread
-    return mean, std
+    moments: Iterable[Moments],
+) -> Background:
+    """Return the background of these moments of each view."""
+    background = Background.blank(rig)
+    for place, found in zip(background.views(rig), moments, strict=True):
+        for into, values in zip(place, found, strict=True):
+            into[...] = values
+    return background

@@ -13,6 +13,7 @@ it: furniture may have been moved since.
 from __future__ import annotations
 
 import os
+from collections import deque
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -30,7 +31,6 @@ from psfs.background.gaussian import (
     masked_moments,
     median_moments,
     select_rank,
-    stack_views,
     view_moments,
 )
 from psfs.background.light import GRID, fit_light, light_field, relight_picture, scale_light
@@ -52,7 +52,7 @@ _FLOOR = 0.0
 _LONGEST_SIDE = 320
 #: Greatest size of the frames of all views that are in memory at a time, bytes, with as many more
 #: frames as the moments of a film are large.
-_READ_BYTES, _OF_MOMENTS = 2**31, 32
+_READ_BYTES, _OF_MOMENTS = 2**30, 16
 #: Greatest number of alternations of expectation and maximisation, and the share of pixels that
 #: change label below which they end.
 _ROUNDS, _CONVERGED = 8, 0.002
@@ -104,14 +104,17 @@ def estimate_background_from_take(
     at_once = max(1, min(_READ_BYTES // n_bytes, os.cpu_count() or 1))
     with ThreadPoolExecutor(at_once) as readers, ThreadPoolExecutor() as pool:
         read = partial(_read_samples, numbers, factor, len(media) * n_bytes <= _READ_BYTES)
-        views = list(readers.map(read, media, films or [None] * len(media)))
+        background = Background.blank(rig)
+        places = background.views(rig)
+        views = list(readers.map(read, media, films or [None] * len(media), places))
         small = rig.scaled(factor)
         frames = _stack([view.small for view in views], small)
         shown = [[scale_picture(of, factor) for of in view.film] for view in views if view.film]
         film = _stack([np.stack(of) for of in shown], small) if shown else None
         labels = find_covered(small, frames, film, pool)
-        moments = readers.map(partial(_estimate_view, numbers), media, views, labels)
-        return Background(*stack_views(rig, moments))
+        estimates = readers.map(partial(_estimate_view, numbers), media, views, labels, places)
+        deque(estimates, maxlen=0)
+        return background
 
 
 def find_covered(
@@ -178,8 +181,14 @@ def _maximise(
 
 
 def _read_samples(
-    numbers: list[int], factor: float, keep: bool, media: Media, film: Media | None
+    numbers: list[int],
+    factor: float,
+    keep: bool,
+    media: Media,
+    film: Media | None,
+    place: Moments,
 ) -> _View:
+    """Return the samples of a view. place: receives the moments of the film, if there is one."""
     frames = np.empty((len(numbers), *media.size[::-1], 3), np.uint8)
     for into, frame in zip(frames, media.frames(numbers), strict=True):
         into[...] = frame
@@ -193,10 +202,11 @@ def _read_samples(
         return _View(frames if keep else None, light, small, None)
     mean, std = view_moments(film)
     (of,) = _estimate_light(mean[None, row[:, None], column], median, media.size)
-    row, column = map(np.arange, mean.shape[:2])
-    field = light_field(of, row[:, None], column)[..., None]
-    gains, offsets = np.float32(of[:3]) * field, np.float32(of[3:6])
-    return _View(frames if keep else None, light, small, ((mean - offsets) / gains, std / gains))
+    fields = (light_field(of, row, np.arange(mean.shape[1])) for row in np.arange(len(mean)))
+    for field, middle, deviation, *into in zip(fields, mean, std, *place, strict=True):
+        gains = np.float32(of[:3]) * field[:, None]
+        into[0][...], into[1][...] = (middle - np.float32(of[3:6])) / gains, deviation / gains
+    return _View(frames if keep else None, light, small, place)
 
 
 def _grid(size: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
@@ -226,10 +236,12 @@ def _stack(pictures: list[np.ndarray], rig: CameraRig) -> np.ndarray:
     return stack
 
 
-def _estimate_view(numbers: list[int], media: Media, view: _View, labels: Labels) -> Moments:
-    """Return mean and standard deviation (h, w, 3) float32 of a view's background. Where the
-    background is never visible, it is extrapolated; where that is not known, its density is below
-    the foreground's."""
+def _estimate_view(
+    numbers: list[int], media: Media, view: _View, labels: Labels, place: Moments
+) -> None:
+    """Write mean and standard deviation of a view's background to a `place` (h, w, 3) float32,
+    which holds those of the film, if there is one. Where the background is never visible, it is
+    extrapolated; where that is not known, its density is below the foreground's."""
     rows, columns = view.small.shape[1:3]
 
     def enlarge(picture: np.ndarray) -> np.ndarray:
@@ -248,7 +260,7 @@ def _estimate_view(numbers: list[int], media: Media, view: _View, labels: Labels
     for into, frame, light in zip(frames, again, view.light, strict=True):
         into[...] = relight_picture(frame, light).reshape(-1, 3)[some]
     covered = np.stack([enlarge(mask).ravel()[some] for mask in labels.covered])
-    mean, std = np.empty((2, *learnt.shape, 3), np.float32) if view.film is None else view.film
+    mean, std = place
     count = (~learnt).astype(int)
     for whole, part in zip((mean, std, count), masked_moments(frames, covered), strict=True):
         whole[learnt] = part
@@ -256,4 +268,3 @@ def _estimate_view(numbers: list[int], media: Media, view: _View, labels: Labels
     std[~known] = _UNIFORM_STD
     known |= np.isnan(unseen[..., 3])
     mean[~known], std[~known] = unseen[~known][:, :3], unseen[~known][:, 3:]
-    return mean, std

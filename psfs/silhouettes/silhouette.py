@@ -13,7 +13,7 @@ from cl.workgroups import pixel_pack, row_group, size_defines
 from psfs.background.chroma_key import ChromaKey, key_launch
 from psfs.background.config import BackgroundConfig
 from psfs.background.light import light_launch, sampled_scene, steady_light
-from psfs.cameras.camera import CameraRig
+from psfs.cameras.camera import BLOCK, CameraRig
 from psfs.cameras.rig_geometry import CELL, cells
 from psfs.common.progress import map_in_threads
 from psfs.common.ranges import check_stack
@@ -128,7 +128,7 @@ class Silhouette:
         scene = device.empty((len(rig), 8, rig.height, rig.width), np.float32, "the background")
         size = scene.nbytes // len(rig)
         fill = partial(background_planes, background, config.background)
-        # Two at a time: those of all views of 4K would take a gigabyte.
+        # Two at a time, and one that is uploaded: those of all views of 4K would take a gigabyte.
         for view, planes in enumerate(map_in_threads(fill, range(len(rig)), 2)):
             scene.region(view * size, planes.shape, np.float32).set(planes)
         prior = ForegroundPrior(
@@ -250,9 +250,11 @@ def background_planes(background: Background, config: BackgroundConfig, view: in
     # Work plane by plane: sums over a pixel's three channels take several times as long.
     mean, std = (np.moveaxis(array[view], -1, 0) for array in (background.mean, background.std))
     planes = np.empty((8, *mean.shape[1:]), np.float32)
-    planes[:3] = mean
-    sigma = np.maximum(std, np.float32(config.sigma_floor), order="C")
-    planes[3:6] = sigma**-2
-    planes[6] = np.log(256 / (np.sqrt(2 * np.pi) * sigma)).sum(0)
-    planes[7] = config.shadow_width(np.moveaxis(planes[:3], 0, -1)) ** -2
+    parts = -(-planes[0].size // BLOCK)  # those of all of 4K would take a gigabyte
+    for rows in np.array_split(np.arange(planes.shape[1]), min(parts, planes.shape[1])):
+        band = np.s_[:, rows[0] : rows[-1] + 1]
+        here, sigma = planes[band], np.maximum(std[band], np.float32(config.sigma_floor), order="C")
+        here[:3], here[3:6] = mean[band], sigma**-2
+        here[6] = np.log(256 / (np.sqrt(2 * np.pi) * sigma)).sum(0)
+        here[7] = config.shadow_width(np.moveaxis(here[:3], 0, -1)) ** -2
     return planes
