@@ -202,10 +202,11 @@ def _read_samples(
         return _View(frames if keep else None, light, small, None)
     mean, std = view_moments(film)
     (of,) = _estimate_light(mean[None, row[:, None], column], median, media.size)
-    fields = (light_field(of, row, np.arange(mean.shape[1])) for row in np.arange(len(mean)))
-    for field, middle, deviation, *into in zip(fields, mean, std, *place, strict=True):
+    for line in range(len(mean)):
+        field = light_field(of, np.array(line), np.arange(mean.shape[1]))
         gains = np.float32(of[:3]) * field[:, None]
-        into[0][...], into[1][...] = (middle - np.float32(of[3:6])) / gains, deviation / gains
+        place[0][line] = (mean[line] - np.float32(of[3:6])) / gains
+        place[1][line] = std[line] / gains
     return _View(frames if keep else None, light, small, place)
 
 
