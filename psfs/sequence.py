@@ -9,7 +9,7 @@ from collections.abc import Callable, Collection, Generator, Iterator, Mapping
 from collections.abc import Sequence as Items
 from contextlib import contextmanager
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property, partial
 from itertools import pairwise, product
 from pathlib import Path
@@ -252,7 +252,9 @@ class Sequence:
         media = (*(footage.images or ()), *(footage.masks or ()), *(footage.background or ()))
         files = [path.stat() for item in media for path in item.paths]
         stamps = [(of.st_ino, of.st_mtime_ns, of.st_size) for of in files]
-        whole = (key, media, stamps, self.settings, pickle.dumps(self.rig))
+        # The fields alone: what a camera has computed from them is kept beside them.
+        cameras = [[getattr(camera, of.name) for of in fields(camera)] for camera in self.rig]
+        whole = (key, media, stamps, self.settings, pickle.dumps(cameras))
         return recall(self.folder.resolve(), whole, compute, keeps)
 
     def _estimate_background(self) -> Background | None:

@@ -399,7 +399,9 @@ def test_a_sequence_opened_again_shares_results_of_unchanged_footage(tmp_path: P
         return sequence.recall("stage", lambda: computed.append(text) or text)
 
     assert result(Sequence.open(folder), "first") == "first"
-    assert result(Sequence.open(folder), "again") == "first"
+    used = Sequence.open(folder)
+    assert all(camera.max_radius2 > 0 for camera in used.rig)  # computed once, and kept
+    assert result(used, "again") == "first"
     assert Sequence.open(folder).background is Sequence.open(folder).background
     assert result(Sequence.open(folder, cameras=["cam01", "cam02"]), "two cameras") == "two cameras"
     turned = Sequence.open(folder)
