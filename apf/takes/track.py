@@ -92,7 +92,7 @@ def run_track(
     stated = request.init is not None or request.keypoints is not None
     left_out = {
         "overlay": not (writes and request.video), "checking": not (writes and request.report),
-        "tracking back": not back, "fitting": not back,
+        "tracking back": not back, "fitting": not back, "completing": not back or stated,
         **dict.fromkeys(AGAIN, not back or stated),
     }  # fmt: skip
     is_gpu = isinstance(device, Device) and device.is_gpu
@@ -105,8 +105,11 @@ def run_track(
         sequence.keep_frames()
     if out is not None:
         out.check_inputs(sequence.inputs)
-    first = select_frames(request.frames, sequence)[0]
-    given = read_given_start(sequence.folder, first, request.body, request.init, request.convention)
+    chosen = select_frames(request.frames, sequence)
+    progress.n_frames = len(chosen)
+    given = read_given_start(
+        sequence.folder, chosen[0], request.body, request.init, request.convention
+    )
     corrected = _read_corrections(request)
     if method.uses_voxels:
         check_cameras(sequence)
@@ -162,6 +165,8 @@ def _track_people(
     takes = track_first(started, progress, keepers)
     place_bodies(started, takes)
     takes = track_again(started, takes, progress)
+    if any(take.complete is not None for take in takes):
+        progress("completing")
     done, takes = [], list(map(complete_take, takes))
     for number, take in enumerate(takes, start=1):
         session = _begin_person(job, persons, number)

@@ -7,6 +7,7 @@ from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager
+from datetime import timedelta
 from typing import TYPE_CHECKING, NamedTuple
 
 if TYPE_CHECKING:
@@ -18,7 +19,7 @@ log = logging.getLogger(__name__)
 
 class _Cost(NamedTuple):
     """Seconds that a stage takes, and those of each frame, of a take with six cameras of 640 x 480
-    on an H200 with 16 cores. Only their ratios matter."""
+    on an H200 with 16 cores."""
 
     whole: float
     frame: float = 0.0
@@ -26,15 +27,15 @@ class _Cost(NamedTuple):
 
 #: In their order: the stages before people are known, those of each person, one after the other,
 #: until the start, both passes over all people together, and the results of each person.
-_FOR_ALL = {"opening": _Cost(0.7), "examining": _Cost(6), "people": _Cost(0.6)}
-_START = {"volume": _Cost(0.1), "start": _Cost(4)}
+_FOR_ALL = {"opening": _Cost(0.3), "examining": _Cost(5.5), "people": _Cost(0.6)}
+_START = {"volume": _Cost(0.1), "start": _Cost(2.5)}
 _FIRST = {
     "preparing": _Cost(0.4),
-    **{"tracking": _Cost(0, 0.015), "tracking back": _Cost(0, 0.007), "fitting": _Cost(0.5, 0.02)},
+    **{"tracking": _Cost(0, 0.006), "tracking back": _Cost(0, 0.005), "fitting": _Cost(0.5, 0.006)},
 }
-AGAIN = {f"{stage} again": _FIRST[stage] for stage in ("tracking", "tracking back", "fitting")}
+AGAIN = {f"{stage} again": cost for stage, cost in _FIRST.items()}
 _RESULTS = {"overlay": _Cost(0, 0.02), "checking": _Cost(2)}
-_PASSES = _FIRST | AGAIN
+_PASSES = _FIRST | AGAIN | {"completing": _Cost(0.5, 0.003)}
 _ROUNDS = (_FOR_ALL, _START, _PASSES, _RESULTS)
 _COSTS = {stage: cost for stages in _ROUNDS for stage, cost in stages.items()}
 _ORDER = tuple(_COSTS)
@@ -42,8 +43,10 @@ _ORDER = tuple(_COSTS)
 BY_FRAMES = frozenset(
     ("tracking", "tracking back", "tracking again", "tracking back again", "overlay")
 )
-#: Factor of the frames' time on a device that is no GPU.
-_CPU_FRAMES = 8.0
+#: Factors of both on two cores without a GPU.
+_CPU = _Cost(2.0, 8.0)
+#: Seconds of work that count as done in the expected time, beside what was done.
+_PRIOR = 5.0
 
 
 class StageProgress(ABC):
@@ -77,9 +80,9 @@ class StageProgress(ABC):
 
     def expect(self, left_out: Collection[str], is_gpu: bool) -> None:
         """Learn which stages there will not be, and the kind of device."""
-        slower = 1.0 if is_gpu else _CPU_FRAMES
+        by = _Cost(1.0, 1.0) if is_gpu else _CPU
         self._costs = {
-            stage: cost._replace(frame=slower * cost.frame) if stage in BY_FRAMES else cost
+            stage: _Cost(by.whole * cost.whole, by.frame * cost.frame)
             for stage, cost in _COSTS.items()
             if stage not in left_out
         }
@@ -118,7 +121,7 @@ class ProgressLine(StageProgress):
         self._bar = bar
         self._furthest = 0  # the last of the person's stages so far, in their order
         self._person, self._n_people = 1, 1
-        self._task = bar.add_task("opening", total=None)
+        self._task = bar.add_task("opening", total=None, end=None)
 
     def begin_person(self, n_frames: int, number: int, of: int) -> None:
         super().begin_person(n_frames, number, of)
@@ -136,7 +139,9 @@ class ProgressLine(StageProgress):
         counted = f" {self._count(stage)}/{n}" if stage in BY_FRAMES else ""
         words = f"{self._whose}{stage}{counted}"
         done, whole = self._measure_work()
-        self._bar.update(self._task, description=words, completed=done, total=whole)
+        now = next(task for task in self._bar.tasks if task.id == self._task).elapsed or 0.0
+        end = now + (whole - done) * (now + _PRIOR) / (done + _PRIOR)
+        self._bar.update(self._task, description=words, completed=done, total=whole, end=end)
 
     def _count(self, stage: str) -> int:
         """Return how many frames a stage has done, of each person."""
@@ -164,17 +169,28 @@ def make_stage_bar(console: Console, hidden: bool = False) -> Progress:
     from rich.progress import (
         BarColumn,
         Progress,
+        ProgressColumn,
+        Task,
         TaskProgressColumn,
         TextColumn,
         TimeElapsedColumn,
-        TimeRemainingColumn,
     )
+    from rich.text import Text
+
+    class TimeLeftColumn(ProgressColumn):
+        """The time until the task's expected `end`, which goes on while a stage reports nothing."""
+
+        def render(self, task: Task) -> Text:
+            end = task.fields.get("end")
+            if end is None:
+                return Text("-:--:--", style="progress.remaining")
+            left = timedelta(seconds=max(0, round(end - (task.elapsed or 0.0))))
+            return Text(str(left), style="progress.remaining")
 
     return Progress(
         *(TextColumn("{task.description}", markup=False), BarColumn(), TaskProgressColumn()),
-        *(TimeElapsedColumn(), TimeRemainingColumn(), TextColumn("left")),
+        *(TimeElapsedColumn(), TimeLeftColumn(), TextColumn("left")),
         console=console,
-        speed_estimate_period=3600,  # stages take unequally long
         disable=hidden,
     )
 
