@@ -137,7 +137,8 @@ def find_covered(
     def find(from_median: bool) -> tuple[float, list[Labels]]:
         rays = still
         if film is not None and not from_median:
-            seeds = moving if rays.n_voxels else np.ones_like(moving)
+            # Somebody who sits moves in some views, or in none.
+            seeds = moving | ~rays.regions.any((1, 2), keepdims=True)
             changes = np.stack(list(pool.map(_find_changes, seeds, moments, films)))
             rays = Rays(rig, changes, _FLOOR)
         learn = partial(PixelDensities, from_median=from_median)
