@@ -59,7 +59,7 @@ def _say_faults(session: Session, warnings: list[str]) -> None:
     left_out = found.left_out
     for text in (*warnings, *map(str, left_out), *found.warnings[len(left_out) :]):
         warn(text, stdout)
-    blind = len(diagnose(session).blind)
+    blind = len(diagnose(session).blind_cameras)
     if session.sequence.subject == "person" and len(session.rig) - blind > 1:
         remark("note", "cyan", count_people(found.session).describe())
 

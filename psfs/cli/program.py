@@ -306,7 +306,8 @@ def run_command(parser: argparse.ArgumentParser, argv: Sequence[str] | None = No
     """Parse, call the `run(args)` that the parser set and return the exit code, see `exit_code`."""
     words = sys.argv[1:] if argv is None else list(argv)
     if argv is None:  # a process of its own
-        os.environ.pop("MPLBACKEND", None)  # plots go into files, not to a display
+        for name in ("MPLBACKEND", "SOURCE_DATE_EPOCH"):  # of plots on a display, and of builds:
+            os.environ.pop(name, None)  # Matplotlib and NumPy end with an error at a wrong one
         import_nothing_from_current_folder()
 
     def run() -> None:

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import TypeVar
 
@@ -81,12 +81,22 @@ class Diagnosis:
         return tuple(fault for fault in self.faults if fault.kind == "empty" and fault.cameras)
 
     @property
+    def blind_cameras(self) -> set[str]:
+        """The names of the cameras whose pictures show nothing."""
+        return _name_cameras(self.blind)
+
+    @property
     def left_out(self) -> tuple[Fault, ...]:
         """The faults by which cameras tell nothing or mislead: all that are blind, and others as
         long as they are no more than a third."""
         spoilt, most = tuple(fault for fault in self.faults if fault.spoils), len(self.views.rig)
-        found = spoilt if 3 * len(spoilt) <= most else self.blind
-        return found if len(found) + 2 <= most else ()
+        found = spoilt if 3 * len(_name_cameras(spoilt)) <= most else self.blind
+        return found if len(_name_cameras(found)) + 2 <= most else ()
+
+
+def _name_cameras(faults: Iterable[Fault]) -> set[str]:
+    """Return the names of the cameras of some faults."""
+    return {name for fault in faults for name in fault.cameras}
 
 
 def diagnose(session: Session) -> Diagnosis:
@@ -147,9 +157,10 @@ class Examination:
         """Raise InputError if the pictures of all cameras but one, or of all, show nothing."""
         blind = () if self.diagnosis is None else self.diagnosis.blind
         n_cameras = 0 if self.diagnosis is None else len(self.diagnosis.views.rig)
-        if blind and len(blind) + 1 >= n_cameras:
+        n_blind = 0 if self.diagnosis is None else len(self.diagnosis.blind_cameras)
+        if blind and n_blind + 1 >= n_cameras:
             raise InputError(
-                f"{self.session.sequence.name}: {len(blind)} of {n_cameras} cameras show nothing "
+                f"{self.session.sequence.name}: {n_blind} of {n_cameras} cameras show nothing "
                 f"of a person, expected two or more that do; {blind[0]}"
             )
 
@@ -161,7 +172,7 @@ class Examination:
     @property
     def remaining(self) -> list[str]:
         """The serious faults other than those of cameras that were left out."""
-        gone = {name for fault in self.left_out for name in fault.cameras}
+        gone = _name_cameras(self.left_out)
         return [str(f) for f in self.faults if f.serious and not gone & set(f.cameras)]
 
 
@@ -188,7 +199,7 @@ def examine(session: Session, all_cameras: bool = False) -> Examination:
     left_out = diagnosis.left_out
     if all_cameras or session.sequence.settings.cameras is not None:
         left_out = ()
-    gone = {name for fault in left_out for name in fault.cameras}
+    gone = _name_cameras(left_out)
     if gone:
         kept = [name for name in session.rig.names if name not in gone]
         session = session.with_sequence(session.sequence.with_cameras(kept))

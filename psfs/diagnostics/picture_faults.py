@@ -36,11 +36,13 @@ def find_empty(evidence: Evidence) -> Iterator[Fault]:
     """Yield pictures that show no person: of one brightness, foreground all over, or nobody in any.
 
     Statistic: the pictures' deviation beside a sensor's noise; the median share of foreground;
-    outlines in two other cameras and none in this one.
+    outlines in two other cameras and none in this one. If the background comes from the take
+    itself, such foreground says that the take does not show it.
     """
     views, sequence = evidence.views, evidence.sequence
     shares = np.median(views.foreground, axis=0)
     seen = np.array([[outline is not None for outline in row] for row in views.outlines])
+    hidden = list[str]()
     for view, (camera, name) in enumerate(zip(evidence.rig, evidence.names, strict=True)):
         width, height = camera.size
         if views.pictures is not None and (views.typical[view, :height, :width].std() < STD_FLOOR):
@@ -50,6 +52,9 @@ def find_empty(evidence: Evidence) -> Iterator[Fault]:
             )
             yield Fault("empty", (name,), text, spoils=True)
         elif shares[view] > _FILLED and _judges_silhouettes(evidence):
+            if not sequence.empty_scene and sequence.background_kind == "frames":
+                hidden.append(name)
+                continue
             why = "noise, changed light, or a background that is not this camera's?"
             if sequence.background_kind == "masks":
                 why = "are its masks' black and white exchanged? Expected 255 for the person"
@@ -61,7 +66,17 @@ def find_empty(evidence: Evidence) -> Iterator[Fault]:
                 "turned elsewhere, or does furniture stand before it?"
             )
             yield Fault("empty", (name,), text, spoils=True)
-    if not seen.any():
+    if hidden:
+        number = len(views.frames)
+        shown = "one picture" if number == 1 else f"{number} pictures"
+        text = (
+            f"{shown} of {'camera' if len(hidden) == 1 else 'cameras'} {join_names(hidden)} cannot "
+            "say what the room looks like without the person, so there is no silhouette: film the "
+            "empty room (a folder background), add masks, or track keypoints alone (--keypoints "
+            "FILE --objective keypoints)"
+        )
+        yield Fault("empty", tuple(hidden), text, spoils=True)
+    if not seen.any() and not hidden:
         text = (
             f"nothing stands out from the background in {len(views.frames)} frames; expected "
             f"{describe_expected_person(sequence)}"

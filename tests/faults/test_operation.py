@@ -259,12 +259,13 @@ def test_caches_that_cannot_be_written() -> None:
     assert done.returncode == 0 and "Traceback" not in done.stderr, done.stderr
 
 
-def test_a_display_that_matplotlib_does_not_know(monkeypatch: pytest.MonkeyPatch) -> None:
-    """It would refuse to be imported; plots go into files."""
-    monkeypatch.setenv("MPLBACKEND", "nonsense")
+@pytest.mark.parametrize("name", ["MPLBACKEND", "SOURCE_DATE_EPOCH"])
+def test_variables_that_packages_do_not_know(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Matplotlib, or NumPy, would refuse to be imported."""
+    monkeypatch.setenv(name, "nonsense")
     monkeypatch.setattr(sys, "argv", ["psfs", "devices"])
     assert psfs.cli.main() == 0
-    assert "MPLBACKEND" not in os.environ
+    assert name not in os.environ
 
 
 def test_no_linker(stock: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -17,7 +17,7 @@ from psfs.cameras.calibration.toml_tables import write_toml_tables
 from psfs.cameras.camera import CameraRig
 from psfs.cli import main
 from psfs.diagnostics.calibration_faults import find_rig_faults
-from psfs.diagnostics.examination import diagnose
+from psfs.diagnostics.examination import diagnose, examine
 from psfs.diagnostics.fault import Fault
 from psfs.diagnostics.picture_faults import _measure_shift
 from psfs.diagnostics.sequence_info import rig_warnings
@@ -73,6 +73,33 @@ def write(folder: Path, masks: np.ndarray, cameras: CameraRig | None = None) -> 
             assert cv2.imwrite(str(folder / "masks" / name / f"{frame:04d}.png"), mask)
     (folder / "sequence.toml").write_text("fps = 30\n")
     return folder
+
+
+def write_pictures(folder: Path, masks: np.ndarray) -> Path:
+    """Write pictures in which the block, bright, stands before a textured room."""
+    rng = np.random.default_rng(0)
+    folder.mkdir(parents=True)
+    write_toml_tables(folder / "calibration.toml", rig())
+    for view, name in enumerate(NAMES):
+        (folder / "images" / name).mkdir(parents=True)
+        room = cv2.resize(rng.integers(30, 160, (12, 16, 3), np.uint8), (160, 120))
+        for frame, mask in enumerate(masks[:, view]):
+            shown = np.where(mask[..., None] > 0, 220, room) + rng.normal(0, 2, room.shape)
+            path = folder / "images" / name / f"{frame:04d}.png"
+            assert cv2.imwrite(str(path), np.clip(shown, 0, 255).astype(np.uint8))
+    return folder
+
+
+def test_one_picture_has_no_silhouette(tmp_path: Path, masks: np.ndarray) -> None:
+    folder = write_pictures(tmp_path / "one", masks[:1])
+    (found,) = faults(folder)
+    assert found.cameras == tuple(NAMES) and str(found).startswith("one picture of cameras c0, c1")
+    assert "film the empty room" in str(found) and "--keypoints" in str(found)
+    session = Session(Sequence.open(folder), NumpyDevice())
+    with pytest.raises(InputError, match="5 of 5 cameras.*film the empty room"):
+        examine(session).check_sight()
+    many = faults(write_pictures(tmp_path / "many", masks))
+    assert all(fault.kind != "empty" for fault in many), many
 
 
 def faults(folder: Path, **settings) -> list[Fault]:
