@@ -254,7 +254,8 @@ class Sequence:
         stamps = [(of.st_ino, of.st_mtime_ns, of.st_size) for of in files]
         # The fields alone: what a camera has computed from them is kept beside them.
         cameras = [[getattr(camera, of.name) for of in fields(camera)] for camera in self.rig]
-        whole = (key, media, stamps, self.settings, pickle.dumps(cameras))
+        settings = repr(self.settings)  # a stated volume's arrays cannot be compared with `==`
+        whole = (key, media, stamps, settings, pickle.dumps(cameras))
         return recall(self.folder.resolve(), whole, compute, keeps)
 
     def _estimate_background(self) -> Background | None:

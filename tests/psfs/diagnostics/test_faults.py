@@ -96,7 +96,7 @@ def test_one_picture_has_no_silhouette(tmp_path: Path, masks: np.ndarray) -> Non
     assert found.cameras == tuple(NAMES) and str(found).startswith("one picture of cameras c0, c1")
     assert "film the empty room" in str(found) and "--keypoints" in str(found)
     session = Session(Sequence.open(folder), NumpyDevice())
-    with pytest.raises(InputError, match="5 of 5 cameras.*film the empty room"):
+    with pytest.raises(InputError, match=r"5 of 5 cameras.*film the empty room"):
         examine(session).check_sight()
     many = faults(write_pictures(tmp_path / "many", masks))
     assert all(fault.kind != "empty" for fault in many), many
