@@ -28,7 +28,12 @@ from apf.body.jacobian import (
 )
 from apf.body.kinematics import bone_matrices, cross, posed_cones, posed_joints
 from apf.body.model import BodyModel, Bone, Cone, Joint, sideless
-from apf.initialisation.shape_model import SPREAD, end_displacements, place_points
+from apf.initialisation.shape_model import (
+    SPREAD,
+    end_displacements,
+    place_points,
+    shift_bones,
+)
 from psfs.cameras.camera import CameraRig
 from psfs.common.least_squares import REACH, multiply_alike, robust_weights
 from psfs.common.numbers import pick_evenly
@@ -190,7 +195,7 @@ class PersonalShape:
             moved = [value(kind, name, end, axis) for axis in range(3)]
             return np.array(moved) * _mirror(name)
 
-        scaled = template.scaled({g: np.exp(value("length", g)) for g in template.scale_groups})
+        scaled = self._scale(measures)
         bones = [
             replace(bone, offset=bone.offset + move("joint", bone.name)) for bone in scaled.bones
         ]
@@ -213,28 +218,37 @@ class PersonalShape:
         ]  # fmt: skip
         return replace(scaled, bones=tuple(bones), cones=tuple(cones), joints=tuple(joints))
 
+    def _scale(self, measures: np.ndarray) -> BodyModel:
+        """Return the template with the lengths of these measures (S,), which are the first."""
+        groups = self.template.scale_groups
+        return self.template.scaled(dict(zip(groups, np.exp(measures[: len(groups)]), strict=True)))
+
     def growths(self, measures: np.ndarray, poses: np.ndarray) -> np.ndarray:
         """Return the derivatives (M, n_built, C, 8) of the ends and radii of the cones by the
         measures that the body is built of, in poses (M, D)."""
-        template, step = self.template, 1e-4
-        body = self.body(measures)
+        template, body = self.template, self.body(measures)
         cones = posed_cones(body, poses)[..., :8]
         rotations, _ = bone_matrices(body, poses)
         below = _descendants(template)[:, [cone.bone for cone in template.cones]]
         grown = np.zeros((len(poses), self.n_built, len(template.cones), 8))
+        # Lengths come first. What is displaced on a bone does not grow with it.
+        groups, scaled = template.scale_groups, self._scale(measures)
+        on_bone = np.array(groups)[:, None] == [sideless(bone.name) for bone in template.bones]
+        shifts = shift_bones(scaled, on_bone, rotations)
+        for index, cone in enumerate(scaled.cones):
+            for first, point in ((0, cone.start), (4, cone.end)):
+                own = on_bone[:, cone.bone, None] * (rotations[:, cone.bone] @ point)[:, None]
+                grown[:, : len(groups), index, first : first + 3] = shifts[:, :, cone.bone] + own
         for (kind, name, end, axis), number in self.index.items():
             here = slice(4 * end, 4 * end + 3)
-            if kind == "length":
-                moved = posed_cones(self.body(measures + step * _unit(number, measures)), poses)
-                grown[:, number] = (moved[..., :8] - cones) / step
-            elif kind == "joint":
+            if kind == "joint":
                 for index, bone in enumerate(template.bones):
                     if sideless(bone.name) == name:
                         along = rotations[:, bone.parent, :, axis] * _mirror(bone.name)[axis]
                         for first in (0, 4):
                             moving = np.flatnonzero(below[index])
                             grown[:, number, moving, first : first + 3] = along[:, None]
-            elif kind != "surface":
+            elif kind in ("end", "radius"):
                 for index, cone in enumerate(template.cones):
                     if sideless(cone.name) == name and kind == "end":
                         along = rotations[:, cone.bone, :, axis] * _mirror(cone.name)[axis]

@@ -67,13 +67,7 @@ class ShapeModel:
         with respect to the log of each scale, in poses (M, D). `body` is the template with some
         scales."""
         rotations, origins = bone_matrices(body, poses)
-        # displacement of the bones' origins
-        shifts = np.zeros((len(poses), *self._on_bone.shape, 3))
-        for b, bone in enumerate(body.bones):
-            if bone.parent >= 0:
-                offset = rotations[:, bone.parent] @ bone.offset
-                own = self._on_bone[:, bone.parent, None] * offset[:, None]
-                shifts[:, :, b] = shifts[:, :, bone.parent] + own
+        shifts = shift_bones(body, self._on_bone, rotations)
         bones = [cone.bone for cone in body.cones]
         grown = np.empty((*shifts.shape[:2], len(bones), 8))
         for end in (0, 4):
@@ -82,6 +76,19 @@ class ShapeModel:
             grown[..., end : end + 3] = shifts[:, :, bones] + own
             grown[..., end + 3] = self._on_radii * cones[:, None, :, end + 3]
         return grown
+
+
+def shift_bones(body: BodyModel, on_bone: np.ndarray, rotations: np.ndarray) -> np.ndarray:
+    """Return the derivatives (M, S, B, 3) of the origins of the bones, with world `rotations` (M,
+    B, 3, 3), by the logs of S scales. on_bone: (S, B), those that act on what is fixed to a
+    bone."""
+    shifts = np.zeros((len(rotations), *on_bone.shape, 3))
+    for b, bone in enumerate(body.bones):
+        if bone.parent >= 0:
+            offset = rotations[:, bone.parent] @ bone.offset
+            own = on_bone[:, bone.parent, None] * offset[:, None]
+            shifts[:, :, b] = shifts[:, :, bone.parent] + own
+    return shifts
 
 
 def place_points(cones: np.ndarray, coordinates: np.ndarray) -> np.ndarray:
