@@ -100,15 +100,13 @@ def _measure_walk(track: Track, part: slice, points: np.ndarray) -> Gait | None:
     walking = speed > _LEAST_SPEED
     if not walking.any():
         return None
-    from scipy.signal import find_peaks  # takes a while to load
-
     ahead = velocity / np.maximum(speed, 1e-9)[:, None]
     reach = np.einsum("fka,fa->fk", points[:, 1:, :2] - pelvis[:, None], ahead)
     found = [
-        (int(row), kind, foot)
+        (row, kind, foot)
         for foot in range(2)
         for kind, sign in (("strike", 1.0), ("off", -1.0))
-        for row in find_peaks(sign * reach[:, foot], prominence=_LEAST_SWING)[0]
+        for row in find_peaks(sign * reach[:, foot], _LEAST_SWING)
         if walking[row]
     ]
     strikes = sorted((row, foot) for row, kind, foot in found if kind == "strike")
@@ -136,6 +134,25 @@ def _measure_walk(track: Track, part: slice, points: np.ndarray) -> Gait | None:
         step_length=float(np.mean(list(lengths.values()))),
         speed=float(path) / seconds,
     )
+
+
+def find_peaks(values: np.ndarray, prominence: float) -> list[int]:
+    """Return where values (N,) have peaks from which they fall by `prominence` or more, on either
+    side, before they are higher. As `scipy.signal.find_peaks`, which takes a second to import."""
+    peaks, low, high = list[int](), 0, -1  # the lowest since the last peak, the highest since that
+    heights = values.tolist()
+    for row, height in enumerate(heights):
+        if high < 0:
+            if height < heights[low]:
+                low = row
+            elif height - heights[low] >= prominence:
+                high = row
+        elif height > heights[high]:
+            high = row
+        elif heights[high] - height >= prominence:
+            peaks.append(high)
+            low, high = row, -1
+    return peaks
 
 
 def _measure_steps(
