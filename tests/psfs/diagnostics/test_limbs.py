@@ -115,7 +115,7 @@ def test_an_error_of_one_camera_is_measured(parameter, wrong):
 def test_true_cameras_stay_however_wide_the_silhouettes_are(wider):
     limbs = find_points(wider=wider)
     assert len(limbs) > 500
-    for view in range(4):
+    for view in (1, 3):  # one is late, one is in time
         found = measure(limbs, CAMERAS, LAGS, only(view, 1))
         assert abs(found[view, 1]) < 3e-4
 
