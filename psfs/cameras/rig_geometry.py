@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 
 import numpy as np
 
@@ -120,10 +121,14 @@ def cells(rig: CameraRig) -> tuple[int, int]:
     return -(-rig.height // CELL), -(-rig.width // CELL)
 
 
+@lru_cache(maxsize=2)  # all reconstructions of a take ask for those of its rig, or a small one
 def cell_rays(rig: CameraRig) -> np.ndarray:
     """Return the world directions (V, rows, columns, 3), of depth 1, of the rays through the
-    middles of the cells; NaN where a lens shows nothing."""
+    middles of the cells; NaN where a lens shows nothing. The array is cached: do not write to
+    it."""
     rows, columns = cells(rig)
     u, v = np.meshgrid(np.arange(columns), np.arange(rows))
     pixels = (CELL * np.stack([u, v], -1) + (CELL - 1) / 2).reshape(-1, 2)
-    return np.stack([camera.rays(pixels).reshape(rows, columns, 3) for camera in rig])
+    rays = np.stack([camera.rays(pixels).reshape(rows, columns, 3) for camera in rig])
+    rays.flags.writeable = False
+    return rays
