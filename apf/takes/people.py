@@ -133,6 +133,8 @@ def _find_several(job: TrackJob, session: Session, given: GivenStart | None) -> 
     people = follow_several(session, wanted)
     if wanted is not None:
         _warn_of_another_number(session, wanted, progress.warn)
+    elif (counted := count_people(session)).misses_somebody:
+        progress.warn(f"{sequence.name}: {counted.describe()}")
     if people is None:
         return None
     if wanted is None:

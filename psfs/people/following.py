@@ -362,12 +362,15 @@ def _count_standing(frame: CoarseFrame, grid: VoxelGrid) -> tuple[int, int]:
 def count_heads(frames: list[CoarseFrame], grid: VoxelGrid) -> int | None:
     """Return how many people there are by their heads in most frames, None unless they are more
     than stand apart in any frame."""
-    if not frames:
-        return None
-    heads = [_count_heads(frame, grid) for frame in frames]
-    number = int(np.quantile(heads, 1 - _HEADS, method="lower"))
-    apart = max(_count_standing(frame, grid)[0] for frame in frames)
+    number = count_at_once(frames, grid)
+    apart = max((_count_standing(frame, grid)[0] for frame in frames), default=0)
     return number if number > apart > 0 else None
+
+
+def count_at_once(frames: list[CoarseFrame], grid: VoxelGrid) -> int:
+    """Return how many people most frames show at once, each with a head and enough of a body."""
+    heads = [_count_heads(frame, grid) for frame in frames]
+    return int(np.quantile(heads, 1 - _HEADS, method="lower")) if heads else 0
 
 
 def _count_heads(frame: CoarseFrame, grid: VoxelGrid) -> int:

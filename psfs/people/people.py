@@ -12,7 +12,14 @@ from psfs.common.numbers import select_span
 from psfs.common.progress import map_in_threads
 from psfs.diagnostics.small_views import Shrink, compute_ahead
 from psfs.people.coarse_voxels import CoarseFrame, CoarseVoxels
-from psfs.people.following import APART, Trajectory, count_heads, find_middle, follow
+from psfs.people.following import (
+    APART,
+    Trajectory,
+    count_at_once,
+    count_heads,
+    find_middle,
+    follow,
+)
 from psfs.people.identities import (
     count_voxels,
     find_present_frames,
@@ -62,12 +69,18 @@ class StandingPeople:
 @dataclass(frozen=True, eq=False)
 class People:
     """The people in `frames`, the largest first, in coarse voxels of `grid`; `objects`: the number
-    of other things that move."""
+    of other things that move; `at_once`: how many stand in most frames, whoever they are."""
 
     frames: range
     grid: VoxelGrid
     persons: tuple[Person, ...]
     objects: int = 0
+    at_once: int = 0
+
+    @property
+    def misses_somebody(self) -> bool:
+        """Whether most frames show more than could be followed."""
+        return self.at_once > len(self) + self.objects
 
     def __len__(self) -> int:
         return len(self.persons)
@@ -121,6 +134,12 @@ class People:
         text = "one person is seen" if n == 1 else f"{n or 'no'} people are seen"
         if n > 1 and not (self.counts == n).all():
             text += f", {int(self.counts.min())} to {int(self.counts.max())} at a time"
+        if self.misses_somebody:
+            text = (
+                f"{self.at_once} people are seen at once in most frames, and {n} can be followed "
+                "from frame to frame; are the frames consecutive? Else give one moment at a time "
+                "(--frames 4:5)"
+            )
         if self.objects:
             verbs = "move are no people" if self.objects > 1 else "moves is no person"
             text += f"; {self.objects} more that {verbs}"
@@ -220,7 +239,7 @@ class _Search:
         people = self._find(frames, self.number or heads)
         if heads is not None and len(people) < heads:  # what was split is one person
             return self._find(frames, None)
-        return people
+        return replace(people, at_once=count_at_once(frames, self.space.grid))
 
     def _find(self, frames: list[CoarseFrame], number: int | None) -> People:
         """Return the people in frames: `number` of them, if that is known."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from helpers.shared import shared_data
 
@@ -40,3 +42,20 @@ def test_four_men_are_four(device: Device) -> None:
     sequence = Sequence.open(shared_data("utrecht_four_men_4cam"))
     session = Session(sequence, device, SessionSettings(selection=slice(6, 7)))
     assert count_people(session).counts.tolist() == [4]
+
+
+def test_moments_that_do_not_follow_one_another_are_said(device: Device) -> None:
+    """Eight moments of four men: nobody can be followed, and one person would be false."""
+    session = Session(Sequence.open(shared_data("utrecht_four_men_4cam")), device)
+    found = count_people(session)
+    assert found.misses_somebody
+    assert found.describe().startswith("4 people are seen at once in most frames")
+
+
+def test_more_people_than_can_be_followed_are_said() -> None:
+    box = (-0.2, 0.2, -0.2, 0.2, 0, 1.7)
+    alone = People(range(2), GRID, (Person(np.arange(2), dict.fromkeys(range(2), voxels(box))),))
+    assert alone.describe() == "one person is seen"
+    several = replace(alone, at_once=3)
+    assert several.misses_somebody and several.describe().startswith("3 people are seen at once")
+    assert not replace(several, objects=2).misses_somebody
