@@ -37,9 +37,8 @@ _SAMPLES = 64
 _LEAST_SHARES = {3: 0.1, 2: 0.9}
 #: Most cameras that are hidden from the same place at once.
 _DENYING = 2
-#: Least number of frames in which a pixel must contradict the other cameras; least ratio of a
-#: camera's pixels that show the person to those that contradict, below which it has another fault.
-_LEAST_FRAMES, _LEAST_CONFIRMED = 2, 0.5
+#: Least number of frames in which a pixel must contradict the other cameras.
+_LEAST_FRAMES = 2
 #: Width of the holes that are filled, px; number of pixels below which a region is noise.
 _GAP, _SPECK = 13, 300
 #: Distance from explained pixels within which foreground counts as explained, too, px.
@@ -109,8 +108,7 @@ def find_hidden_in_box(
             denied += denies
             confirmed += confirms
         enough = denied >= np.maximum(_LEAST_FRAMES, least_share * (denied + confirmed))
-        sums = confirmed.sum((1, 2), dtype=int), denied.sum((1, 2), dtype=int)
-        enough &= (sums[0] >= _LEAST_CONFIRMED * sums[1])[:, None, None]
+        enough &= confirmed.any((1, 2))[:, None, None]  # else the camera shows nobody
         square = np.ones((_GAP, _GAP), np.uint8)
         closed = [cv2.morphologyEx(own, cv2.MORPH_CLOSE, square) for own in _bytes(enough)]
         hidden |= np.stack([_without_specks(own, _SPECK) for own in closed])

@@ -107,7 +107,6 @@ def test_several_seeds_at_once(
     assert np.any(other.poses != alone.poses)
 
 
-@pytest.mark.usefixtures("quick_start")
 def test_nothing_but_the_folder(walk: Path, tmp_path: Path) -> None:
     """Started by itself."""
     few = ["--frames", "0:4", "--particles", "60", "--layers", "5", "--voxel-size", "0.03"]
