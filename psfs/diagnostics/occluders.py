@@ -119,7 +119,9 @@ def _judge(
     space: CoarseSpace, margin: int, agreeing: int, hidden: np.ndarray, evidence: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the pixels (V, H, W) bool that confirm, in a frame, what the other cameras see in the
-    voxels of a space, and those that deny it. margin: as of `find_hidden_in_box`."""
+    voxels of a space, and those that deny it. margin: as of `find_hidden_in_box`. agreeing: least
+    number of cameras with unexplained foreground. hidden: (V, H, W) bool, pixels known to be hidden
+    already, which deny nothing."""
     shown = evidence > 0
     evidence = np.where(hidden & ~shown, np.int8(0), evidence)
     rows = np.flatnonzero(_count(shown, space.pixels) >= agreeing)
