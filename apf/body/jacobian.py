@@ -68,32 +68,11 @@ def bone_point_jacobian(
     return np.where(moves == _SLIDES, directions[:, None], np.where(moves == _TURNS, turns, 0.0))
 
 
-def point_jacobian(
-    body: BodyModel,
-    pose: np.ndarray,
-    cone: np.ndarray,
-    points: np.ndarray,
-    normal: np.ndarray,
-    axes: tuple[np.ndarray, np.ndarray] | None = None,
-) -> np.ndarray:
-    """Return the derivatives (D, K) of points (K, 3) m along `normal` (K, 3) with respect to a
-    pose.
-
-    The points are fixed to the cones with indices `cone` (K,). A rotation by d about an axis a
-    through o moves the point p by d (a x (p - o)). axes: those of `world_axes`, if they are known.
-    """
-    directions, anchors = world_axes(body, pose) if axes is None else axes
-    slides = directions @ normal.T
-    moments, lever = cross_rows(points, normal), cross_rows(directions, anchors)
-    turns = directions @ moments.T - lever @ normal.T
-    moves = cone_moves(body)[cone].T
-    return np.where(moves == _SLIDES, slides, np.where(moves == _TURNS, turns, 0.0))
-
-
 def cone_motions(body: BodyModel, axes: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
     """Return (M, C, D, 6), how each degree of freedom moves the cones in M poses whose `axes`
     `world_axes` returns: the product with a point's direction n (3,) and with p x n, p the point on
-    the cone, is the point's displacement along n, see `point_jacobian`."""
+    the cone, is the point's displacement along n: a rotation by d about an axis a through o moves
+    p by d (a x (p - o))."""
     directions, anchors = (of[:, None] for of in axes)
     moves = cone_moves(body)[..., None]
     turns = (moves == _TURNS).astype(float)
@@ -118,5 +97,7 @@ def distance_jacobian(
     cones = posed_cones(body, pose[None])[0]
     every = cone_distances(points, cones)
     nearest = np.abs(every).argmin(1)
-    rows = -point_jacobian(body, pose, nearest, points, cone_normals(points, cones[nearest])).T
+    bones = np.array([cone.bone for cone in body.cones])[nearest]
+    moves = bone_point_jacobian(body, pose[None], bones, points[None])[0]
+    rows = -np.einsum("kda,ka->kd", moves, cone_normals(points, cones[nearest]))
     return every[np.arange(len(points)), nearest], rows

@@ -96,17 +96,25 @@ def posed_points(
     return origins[:, bones] + np.einsum("njab,jb->nja", rotations[:, bones], positions)
 
 
+def cone_table(body: BodyModel) -> np.ndarray:
+    """Return the cones (C, CONE_FLOATS) in the frames of their bones, see `psfs.common.cones`."""
+    table = np.zeros((len(body.cones), CONE_FLOATS))
+    for row, cone in zip(table, body.cones, strict=True):
+        axis = (cone.end - cone.start) / np.linalg.norm(cone.end - cone.start)
+        row[0:3], row[3] = cone.start, cone.radii[0]
+        row[4:7], row[7] = cone.end, cone.radii[1]
+        row[8:11] = cone.side / cone.scale[0]
+        row[12:15] = cross(axis, cone.side) / cone.scale[1]
+    return table
+
+
 def posed_cones(body: BodyModel, poses: np.ndarray) -> np.ndarray:
     """Return cones in the world, (N, C, CONE_FLOATS), of poses (N, D)."""
     rotations, origins = bone_matrices(body, poses)
-    out = np.zeros((len(rotations), len(body.cones), CONE_FLOATS))
-    for c, cone in enumerate(body.cones):
-        rotation, origin = rotations[:, cone.bone], origins[:, cone.bone]
-        axis = (cone.end - cone.start) / np.linalg.norm(cone.end - cone.start)
-        out[:, c, 0:3] = origin + rotation @ cone.start
-        out[:, c, 3] = cone.radii[0]
-        out[:, c, 4:7] = origin + rotation @ cone.end
-        out[:, c, 7] = cone.radii[1]
-        out[:, c, 8:11] = rotation @ (cone.side / cone.scale[0])
-        out[:, c, 12:15] = rotation @ (cross(axis, cone.side) / cone.scale[1])
+    out = np.tile(cone_table(body), (len(rotations), 1, 1))
+    bones = [cone.bone for cone in body.cones]
+    for first, is_point in ((0, True), (4, True), (8, False), (12, False)):
+        vectors = out[..., first : first + 3]
+        turned = (rotations[:, bones] @ vectors[..., None])[..., 0]
+        vectors[:] = turned + origins[:, bones] if is_point else turned
     return out

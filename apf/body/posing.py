@@ -7,6 +7,7 @@ from functools import lru_cache
 import numpy as np
 
 from apf.body.cones import FAR_OUT
+from apf.body.kinematics import cone_table
 from apf.body.model import AXES, BodyModel
 from cl import Array, Device, Launch
 from cl.program import Define
@@ -93,14 +94,8 @@ def pack_body(body: BodyModel) -> np.ndarray:
         links = [bone.parent, len(axes), len(bone.axes), level]
         bones.append(np.concatenate([links, bone.rest.ravel(), bone.offset]))
         axes += [(AXES.index(axis.kind), axis.sign, axis.dof, bone.parent) for axis in bone.axes]
-    cones = np.zeros((len(body.cones), CONE_FLOATS))
-    for row, cone in zip(cones, body.cones, strict=True):
-        axis = (cone.end - cone.start) / np.linalg.norm(cone.end - cone.start)
-        row[0:3], row[3] = cone.start, cone.radii[0]
-        row[4:7], row[7] = cone.end, cone.radii[1]
-        row[8:11] = cone.side / cone.scale[0]
-        row[12:15] = np.cross(axis, cone.side) / cone.scale[1]
-        row[_CONE_BONE] = cone.bone
+    cones = cone_table(body)
+    cones[:, _CONE_BONE] = [cone.bone for cone in body.cones]
     tables = (np.array(bones), np.array(axes), cones)
     packed = np.concatenate([table.ravel() for table in tables]).astype(np.float32)
     packed.flags.writeable = False
