@@ -61,12 +61,12 @@ def compare_lenses(
     right (Wald's test).
     """
     problem = _Problem(scene, target, sightings, FreeParameters(tuple(views), held))
-    found = problem.solve()
-    cameras = problem.scene(found.parameters).cameras
+    solution = problem.solve()
+    cameras = problem.scene(solution.parameters).cameras
     tests = {}
     for view in views:
-        change = found.parameters["lenses"][view] - problem.start["lenses"][view]
-        inverse = np.linalg.pinv(found.covariance("lenses", [view]), hermitian=True)
+        change = solution.parameters["lenses"][view] - problem.start["lenses"][view]
+        inverse = np.linalg.pinv(solution.covariance("lenses", [view]), hermitian=True)
         tests[view] = float(change @ inverse @ change) / _LENS, cameras[view]
     return tests
 
@@ -90,7 +90,7 @@ class _Problem:
         self.frames = sorted({sighting.frame for sighting in sightings})
         self.turns = np.array([scene.poses[frame][:3, :3] for frame in self.frames])
         rows = {frame: row for row, frame in enumerate(self.frames)}
-        self.views = [self._view(of, rows) for of in group_by_view(sightings, len(cameras))]
+        self.views = [self._view(group, rows) for group in group_by_view(sightings, len(cameras))]
         self.free = {
             "cameras": np.zeros((len(cameras), _POSE), bool),
             "lenses": np.zeros((len(cameras), _LENS), bool),
@@ -146,16 +146,16 @@ class _Problem:
 
     def evaluate(self, parameters: Parameters) -> list[Residuals]:
         """Return the errors in x and y of each camera's points, px, and the priors of lenses."""
-        by_vector = [cv2.Rodrigues(of[:3]) for of in parameters["poses"]]
+        by_vector = [cv2.Rodrigues(pose[:3]) for pose in parameters["poses"]]
         R = self.turns @ np.stack([turn for turn, _ in by_vector])
-        slopes = self.turns[:, None] @ np.stack([of.reshape(3, 3, 3) for _, of in by_vector])
+        slopes = self.turns[:, None] @ np.stack([pose.reshape(3, 3, 3) for _, pose in by_vector])
         poses = R, parameters["poses"][:, 3:], slopes
-        found = [
+        residuals = [
             self._evaluate_view(view, parameters, poses)
             for view, (rows, _, _) in enumerate(self.views)
             if len(rows)
         ]
-        return [*found, *self._lens_priors(parameters["lenses"])]
+        return [*residuals, *self._lens_priors(parameters["lenses"])]
 
     def _evaluate_view(
         self, view: int, parameters: Parameters, poses: tuple[np.ndarray, np.ndarray, np.ndarray]

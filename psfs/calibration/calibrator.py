@@ -91,10 +91,10 @@ def calibrate_cameras(
     freedom = FreeParameters(() if lenses_known else everyone, held)
     freedom = replace(freedom, poses=target.known is None)
     scene = adjust_bundle(scene, target, ordered, freedom)
-    kept = _reject_false(scene, target, ordered)
-    if len(kept) < len(ordered):
-        scene = adjust_bundle(scene, target, kept, freedom)
-    scene, agreeing, disagreeing = _exclude_outlier_cameras(scene, target, kept, freedom, names)
+    accepted = _reject_false(scene, target, ordered)
+    if len(accepted) < len(ordered):
+        scene = adjust_bundle(scene, target, accepted, freedom)
+    scene, agreeing, disagreeing = _exclude_outlier_cameras(scene, target, accepted, freedom, names)
     error = rms(np.minimum(reprojection_errors(scene, target, agreeing), 1e3))
     if not error <= OUTLIER:  # also NaN, of no sighting at all
         raise InputError(
@@ -106,10 +106,10 @@ def calibrate_cameras(
         views = [view for view in everyone if names[view] not in disagreeing]
         wanted = find_wrong_intrinsics(scene, target, agreeing, views)
         misfits = {names[v]: describe_lens_change(cameras[v], wanted[v]) for v in wanted}
-    dropped = [len(of) for of in group_by_view(ordered, len(cameras))]
-    for view, own in enumerate(group_by_view(kept, len(cameras))):
-        dropped[view] -= len(own)
-    fitting = [s for s in kept if s.frame in scene.poses]
+    dropped = [len(group) for group in group_by_view(ordered, len(cameras))]
+    for view, view_sightings in enumerate(group_by_view(accepted, len(cameras))):
+        dropped[view] -= len(view_sightings)
+    fitting = [s for s in accepted if s.frame in scene.poses]
     return CalibrationResult(
         scene, target, fitting, dict(zip(names, dropped, strict=True)), disagreeing, misfits, shared
     )
@@ -121,10 +121,10 @@ def _check_lenses(cameras: Sequence[Camera]) -> None:
     for camera in cameras:
         skew = camera.K[0, 1]
         if camera.kappa or camera.fisheye or abs(skew) > _MOST_SKEW:
-            found = "Tsai's distortion" if camera.kappa else f"a skew of {skew:g} px"
-            found = "a fisheye lens" if camera.fisheye else found
+            model = "Tsai's distortion" if camera.kappa else f"a skew of {skew:g} px"
+            model = "a fisheye lens" if camera.fisheye else model
             raise InputError(
-                f"the intrinsics of {camera.name} have {found}; expected k1, k2, p1, p2, k3 and no "
+                f"the intrinsics of {camera.name} have {model}; expected k1, k2, p1, p2, k3 and no "
                 "skew, or no --intrinsics"
             )
 
@@ -145,11 +145,11 @@ def _initialise(
             f"{join_names(blind)}: the {target.name} is in none of the pictures; expected it in "
             "all cameras' (or --cameras without these)"
         )
-    own = group_by_view(sightings, len(cameras))
+    groups = group_by_view(sightings, len(cameras))
     if not lenses_known and target.planar:
         cameras = [
-            estimate_camera_from_boards(camera.name, camera.size, target, of)
-            for camera, of in zip(cameras, own, strict=True)
+            estimate_camera_from_boards(camera.name, camera.size, target, view_sightings)
+            for camera, view_sightings in zip(cameras, groups, strict=True)
         ]
     elif not lenses_known:
         cameras = [default_camera(camera.name, camera.size) for camera in cameras]
@@ -180,12 +180,12 @@ def _reject_false(
     sightings: Sequence[Sighting],
 ) -> list[Sighting]:
     """Reject sightings with large errors, except of cameras that have many of them."""
-    kept: list[Sighting] = []
-    for own in group_by_view(sightings, len(scene.cameras)):
-        near = [s for s in own if np.median(reprojection_errors(scene, target, [s])) < OUTLIER]
-        least = (1 - _FALSE) * len(own)
-        kept += near if len(near) >= least else own
-    return select_shared(kept, _count_needed(target))
+    accepted: list[Sighting] = []
+    for group in group_by_view(sightings, len(scene.cameras)):
+        good = [s for s in group if np.median(reprojection_errors(scene, target, [s])) < OUTLIER]
+        least = (1 - _FALSE) * len(group)
+        accepted += good if len(good) >= least else group
+    return select_shared(accepted, _count_needed(target))
 
 
 def _count_needed(target: Target) -> int:
@@ -206,7 +206,7 @@ def _exclude_outlier_cameras(
     others disagrees, by name; these are placed where they fit best. If half of the cameras or more
     disagree, no majority says which are wrong, and all are kept.
     """
-    given = scene, sightings, dict[str, str]()
+    everything = scene, sightings, dict[str, str]()
     views = list(range(len(names)))
     disagreeing: dict[str, str] = {}
     used = sightings
@@ -218,9 +218,9 @@ def _exclude_outlier_cameras(
         held = (*anchor, *(v for v in range(len(names)) if v not in views))
         scene = adjust_bundle(scene, target, used, FreeParameters(lenses, held, freedom.poses))
         others = tuple(other for other in range(len(names)) if other != view)
-        own = [s for s in sightings if s.view == view and s.frame in scene.poses]
-        scene = adjust_bundle(scene, target, own, FreeParameters((), others, poses=False))
-        disagreeing[names[view]] = explain_disagreement(scene, target, own)
+        of_view = [s for s in sightings if s.view == view and s.frame in scene.poses]
+        scene = adjust_bundle(scene, target, of_view, FreeParameters((), others, poses=False))
+        disagreeing[names[view]] = explain_disagreement(scene, target, of_view)
         if 2 * len(disagreeing) >= len(names):
-            return given
+            return everything
     return scene, [s for s in sightings if s.view in views and s.frame in scene.poses], disagreeing

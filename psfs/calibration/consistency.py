@@ -39,14 +39,14 @@ def find_outlier_camera(
     if len(seen) < _FEWEST:
         return None
     errors = [reprojection_errors(scene, target, groups[view]) for view in seen]
-    own = np.array([rms(error) for error in errors])
+    view_errors = np.array([rms(error) for error in errors])
     others = [rms(np.concatenate([*errors[:k], *errors[k + 1 :]])) for k in range(len(seen))]
-    scores = own / np.maximum(others, 1e-9)
+    scores = view_errors / np.maximum(others, 1e-9)
     worst = int(scores.argmax())
     usual = float(np.median(np.delete(scores, worst)))
     counts = [len(groups[view]) for view in seen]
     limit = np.sqrt(_limit_ratio(counts[worst], sum(counts) - counts[worst]))
-    clear = scores[worst] > limit * max(1.0, usual) and own[worst] > GOOD
+    clear = scores[worst] > limit * max(1.0, usual) and view_errors[worst] > GOOD
     return seen[worst] if clear else None
 
 
@@ -142,10 +142,10 @@ def _test_lens(
     return rms(errors), describe_lens_change(scene.cameras[view], fitted.cameras[view])
 
 
-def describe_lens_change(given: Camera, wanted: Camera) -> str:
+def describe_lens_change(stated: Camera, wanted: Camera) -> str:
     """Describe how a camera's pictures contradict its given intrinsics."""
-    focal = wanted.K[0, 0] / given.K[0, 0] - 1
-    x, y = wanted.K[:2, 2] - given.K[:2, 2]
+    focal = wanted.K[0, 0] / stated.K[0, 0] - 1
+    x, y = wanted.K[:2, 2] - stated.K[:2, 2]
     return (
         f"its intrinsics do not fit its pictures, which want a focal length of "
         f"{wanted.K[0, 0]:.0f} px ({100 * focal:+.1f} %) and a centre {x:+.0f}, {y:+.0f} px away"

@@ -34,16 +34,16 @@ def read_intrinsics(path: Path, rig: CameraRig, finder: Finder | None) -> list[C
         raise MissingFileError(f"{path}: no such file or folder; expected intrinsics")
     if path.is_dir() and find_calibration(path) is None:
         return [_estimate_from_pictures(path, camera, finder) for camera in rig]
-    found = path if path.is_file() else find_calibration(path)
-    assert found is not None
+    calibration = path if path.is_file() else find_calibration(path)
+    assert calibration is not None
     sizes = {camera.name: camera.size for camera in rig}
 
     def find_sizes(names: Sequence[str]) -> list[tuple[int, int]]:
         pairs, _ = match_files_to_cameras(rig.names, list(names), str(path), rig.names)
-        by_file = {of: sizes[name] for name, of in pairs.items()}
+        by_file = {file: sizes[name] for name, file in pairs.items()}
         return [by_file.get(name, rig[0].size) for name in names]
 
-    read = read_calibration(found, sizes=find_sizes)
+    read = read_calibration(calibration, sizes=find_sizes)
     pairs, _ = match_files_to_cameras(rig.names, read.names, str(path), rig.names)
     cameras = []
     for name in rig.names:
@@ -71,8 +71,8 @@ def make_cameras_by_metadata(
     """Return the rig's cameras without distortion, with the focal lengths that a picture or video
     of each states, by camera, and what these say. Raises InputError naming those that state none.
     """
-    found = {name: read_lens(path) for name, path in pictures.items()}
-    stated = {name: lens for name, lens in found.items() if lens is not None}
+    lenses = {name: read_lens(path) for name, path in pictures.items()}
+    stated = {name: lens for name, lens in lenses.items() if lens is not None}
     silent = [str(pictures[name]) for name in pictures if name not in stated]
     if silent:
         raise InputError(f"{join_names(silent)}: no focal length in the metadata")

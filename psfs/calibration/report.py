@@ -62,12 +62,12 @@ class Coverage:
 def measure_coverage(cameras: Sequence[Camera], sightings: Sequence[Sighting]) -> list[Coverage]:
     """Return the coverage of each camera."""
     shared = count_shared_frames(sightings, len(cameras))
-    found = []
-    for view, own in enumerate(group_by_view(sightings, len(cameras))):
-        pixels = np.concatenate([s.pixels for s in own] or [np.zeros((0, 2))])
+    coverages = []
+    for view, group in enumerate(group_by_view(sightings, len(cameras))):
+        pixels = np.concatenate([s.pixels for s in group] or [np.zeros((0, 2))])
         others = int(np.delete(shared[view], view).max(initial=0))
-        found.append(Coverage(len(own), others, find_cells(pixels, cameras[view].size)))
-    return found
+        coverages.append(Coverage(len(group), others, find_cells(pixels, cameras[view].size)))
+    return coverages
 
 
 def find_cells(pixels: np.ndarray, size: tuple[int, int]) -> np.ndarray:
@@ -107,7 +107,7 @@ class ViewReport:
 def summarise_views(result: CalibrationResult, lenses_known: bool) -> list[ViewReport]:
     """Summarise what every camera saw, and its faults."""
     cameras = result.scene.cameras
-    found = []
+    reports = []
     for view, seen in enumerate(measure_coverage(cameras, result.sightings)):
         sightings = [sighting for sighting in result.sightings if sighting.view == view]
         pixels = np.concatenate([s.pixels for s in sightings] or [np.zeros((0, 2))])
@@ -116,8 +116,8 @@ def summarise_views(result: CalibrationResult, lenses_known: bool) -> list[ViewR
         seen = replace(seen, shared=shared)
         faults = _list_faults(result, cameras[view].name, seen, lenses_known)
         dropped = result.dropped[cameras[view].name]
-        found.append(ViewReport(cameras[view], seen, pixels, errors, dropped, faults))
-    return found
+        reports.append(ViewReport(cameras[view], seen, pixels, errors, dropped, faults))
+    return reports
 
 
 def _list_faults(
@@ -147,14 +147,14 @@ def judge_calibration(views: list[ViewReport]) -> str:
     sound = [view for view in views if not view.faults] or views
     errors = np.concatenate([view.errors for view in sound])
     level = rms(errors)
-    found = f"reprojection error {level:.2f} px (95 %: {np.percentile(errors, 95):.2f})"
+    summary = f"reprojection error {level:.2f} px (95 %: {np.percentile(errors, 95):.2f})"
     wrong = sum(bool(view.faults) for view in views)
     if level > BAD:
-        return f"not to be used: {found}"
+        return f"not to be used: {summary}"
     if level > GOOD or wrong:
         count = f"; {wrong} of {len(views)} cameras to look at" if wrong else ""
-        return f"to be used with care: {found}{count}"
-    return f"good: {found}"
+        return f"to be used with care: {summary}{count}"
+    return f"good: {summary}"
 
 
 def calibration_summary(

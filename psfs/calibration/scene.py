@@ -74,15 +74,17 @@ def reprojection_errors(
     scene: CalibrationScene, target: Target, sightings: Sequence[Sighting]
 ) -> np.ndarray:
     """Return the errors (M,) px of all points of the sightings, concatenated."""
-    found: dict[int, np.ndarray] = {}
+    errors: dict[int, np.ndarray] = {}
     for view in {sighting.view for sighting in sightings}:
         rows = [row for row, sighting in enumerate(sightings) if sighting.view == view]
-        own = [sightings[row] for row in rows]
-        points = np.concatenate([scene.points(target, s.frame)[s.ids] for s in own])
+        group = [sightings[row] for row in rows]
+        points = np.concatenate([scene.points(target, s.frame)[s.ids] for s in group])
         pixels, _ = scene.cameras[view].project(points)
-        away = np.linalg.norm(pixels - np.concatenate([s.pixels for s in own]), axis=-1)
-        found |= zip(rows, np.split(away, np.cumsum([len(s.ids) for s in own])[:-1]), strict=True)
-    return np.concatenate([found[row] for row in range(len(sightings))] or [np.zeros(0)])
+        away = np.linalg.norm(pixels - np.concatenate([s.pixels for s in group]), axis=-1)
+        errors |= zip(
+            rows, np.split(away, np.cumsum([len(s.ids) for s in group])[:-1]), strict=True
+        )
+    return np.concatenate([errors[row] for row in range(len(sightings))] or [np.zeros(0)])
 
 
 def rms(values: np.ndarray) -> float:

@@ -79,12 +79,12 @@ class HullAgreement:
             persons = [self._select_person(frame, int(view), common) for view in views]
             for a, b in combinations_with_replacement(range(len(chosen)), 2):
                 hull = voxels[np.delete(missing, [a, b], axis=0).sum(0) == 0]
-                for own, other in ((a, b), (b, a)) if a != b else ((a, a),):
-                    area = np.count_nonzero(persons[own])
+                for covered_view, other in ((a, b), (b, a)) if a != b else ((a, a),):
+                    area = np.count_nonzero(persons[covered_view])
                     if area:
-                        covered = self.project(int(chosen[own]), hull)
-                        inside = np.count_nonzero(persons[own] & covered)
-                        outside[frame, own, other] = 1 - inside / area
+                        covered = self.project(int(chosen[covered_view]), hull)
+                        inside = np.count_nonzero(persons[covered_view] & covered)
+                        outside[frame, covered_view, other] = 1 - inside / area
         return CameraAgreement(outside)
 
     def expect(self, frame: int, view: int, views: Sequence[int]) -> np.ndarray:
@@ -107,33 +107,33 @@ class HullAgreement:
 
     def _find_common(self, views: np.ndarray) -> np.ndarray:
         """Return the voxels (N,) bool that in a frame all cameras but one show."""
-        found = np.zeros(len(self.space.used), bool)
+        common = np.zeros(len(self.space.used), bool)
         for frame in range(len(self.masks)):
             voxels, missing = self._find_candidates(frame, views)
-            found[voxels[missing.sum(0) <= 1]] = True
-        return found
+            common[voxels[missing.sum(0) <= 1]] = True
+        return common
 
     def _find_candidates(self, frame: int, views: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the voxels (N,) that enough cameras see and of these all but two show, and which
         cameras (len(views), N) see them and show none."""
         pixels = self.space.pixels[views]
-        shown = look_up(self._wide[frame, views], pixels) > 0
-        missing = (pixels >= 0) & ~shown
+        foreground = look_up(self._wide[frame, views], pixels) > 0
+        missing = (pixels >= 0) & ~foreground
         needed = max(1, min(2, len(views) - 1))
-        voxels = np.flatnonzero((missing.sum(0) <= 2) & (shown.sum(0) >= needed))
+        voxels = np.flatnonzero((missing.sum(0) <= 2) & (foreground.sum(0) >= needed))
         return voxels, missing[:, voxels]
 
     def _select_person(self, frame: int, view: int, common: np.ndarray) -> np.ndarray:
         """Return the parts (h, w) bool of a silhouette that meet the common hull, near it; the
         whole silhouette if none does."""
-        own, expected = self.masks[frame, view], self.project(view, common)
-        _, labels = cv2.connectedComponents(own, connectivity=8)
-        met = np.unique(labels[expected & (own > 0)])
+        silhouette, expected = self.masks[frame, view], self.project(view, common)
+        _, labels = cv2.connectedComponents(silhouette, connectivity=8)
+        met = np.unique(labels[expected & (silhouette > 0)])
         if not len(met):
-            return own > 0
+            return silhouette > 0
         reach = max(1, round(_NEAR * np.ptp(np.flatnonzero(expected.any(axis=1)))))
-        near = cv2.dilate(expected.view(np.uint8), np.ones((2 * reach + 1,) * 2, np.uint8)) > 0
-        return np.isin(labels, met) & near
+        vicinity = cv2.dilate(expected.view(np.uint8), np.ones((2 * reach + 1,) * 2, np.uint8)) > 0
+        return np.isin(labels, met) & vicinity
 
 
 def _mean(shares: np.ndarray) -> np.ndarray:

@@ -284,14 +284,14 @@ def _explain_outlier(evidence: Evidence, view: int) -> str:
 
     if math.isfinite(tangency.unchanged.cameras[view]):
         simplex = np.vstack([np.zeros(3), 0.05 * np.eye(3)])
-        found = scipy.optimize.minimize(
+        optimum = scipy.optimize.minimize(
             lambda vector: turn(vector).cameras[view],
             np.zeros(3),
             method="Nelder-Mead",
             options={"initial_simplex": simplex, "maxfev": 200, "xatol": 1e-3, "fatol": 1e-4},
         )
-        angle = float(np.linalg.norm(found.x))
-        gain = tangency.unchanged.measure_gain(turn(found.x), [view])
+        angle = float(np.linalg.norm(optimum.x))
+        gain = tangency.unchanged.measure_gain(turn(optimum.x), [view])
         if angle < 0.5 and significant(gain, 0.5):
             return (
                 f"it was turned by about {math.degrees(angle):.1f} degrees since its calibration, "

@@ -86,12 +86,12 @@ def _find_far_camera(rig: CameraRig) -> list[Fault]:
     apart = np.linalg.norm(rig.centres[:, None] - rig.centres[None], axis=-1)
     view = int(apart.sum(0).argmax())
     others = np.delete(np.arange(len(rig)), view)
-    near, far = float(apart[np.ix_(others, others)].max()), float(apart[view, others].min())
-    if not far > _FAR * near > 0:
+    extent, distance = float(apart[np.ix_(others, others)].max()), float(apart[view, others].min())
+    if not distance > _FAR * extent > 0:
         return []
     text = (
-        f"camera {rig.names[view]} stands {far:,.4g} m from the others, which stand within "
-        f"{near:.3g} m: its translation is in another unit, or its calibration of another world"
+        f"camera {rig.names[view]} stands {distance:,.4g} m from the others, which stand within "
+        f"{extent:.3g} m: its translation is in another unit, or its calibration of another world"
     )
     return [Fault("calibration", (rig.names[view],), text)]
 

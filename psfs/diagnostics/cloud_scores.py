@@ -52,14 +52,14 @@ def score_cloud(rig: CameraRig, cloud: VoxelCloud, truth: Items[np.ndarray | Non
     )
     in_hull = np.zeros(grid.shape, bool)
     in_hull.ravel()[hull] = True
-    near = scipy.ndimage.binary_dilation(in_hull, np.ones((3, 3, 3)))
-    ghosts = float(1 - near.ravel()[cloud.indices].mean()) if len(cloud) else float("nan")
+    hull_and_rim = scipy.ndimage.binary_dilation(in_hull, np.ones((3, 3, 3)))
+    ghosts = float(1 - hull_and_rim.ravel()[cloud.indices].mean()) if len(cloud) else float("nan")
     return CloudScore(_mean(ours), _mean(best), ghosts, _volume_iou(seen, cloud, in_hull))
 
 
 def mean_scores(scores: Items[CloudScore]) -> dict[str, float | None]:
     """Return the mean of each score over frames, None where it is unknown."""
-    means = {name: _mean([getattr(of, name) for of in scores]) for name in NAMES}
+    means = {name: _mean([getattr(score, name) for score in scores]) for name in NAMES}
     return {name: None if np.isnan(mean) else mean for name, mean in means.items()}
 
 
@@ -72,24 +72,24 @@ def draw_voxels(
     radii = np.maximum(1, np.round(0.5 * edge * camera.K[0, 0] / depth)).astype(int)
     drawn = np.zeros(shape, bool)
     for radius in np.unique(radii):
-        own = np.zeros(shape, np.uint8)
-        own[row[radii == radius], column[radii == radius]] = 1
+        pixels = np.zeros(shape, np.uint8)
+        pixels[row[radii == radius], column[radii == radius]] = 1
         disc = np.zeros((2 * radius + 1,) * 2, np.uint8)
         cv2.circle(disc, (int(radius), int(radius)), int(radius), 1, -1)
-        drawn |= cv2.dilate(own, disc) > 0
+        drawn |= cv2.dilate(pixels, disc) > 0
     return drawn
 
 
 def _carve(seen: Items[tuple[Camera, np.ndarray]], grid: VoxelGrid) -> np.ndarray:
     """Return the flat indices (N,) of the voxels that lie in every mask whose picture shows
     them."""
-    left = np.arange(grid.size)
+    voxels = np.arange(grid.size)
     for camera, mask in seen:
-        inside, row, column, _ = camera.look_up(grid.centres(left))
-        kept = ~inside
-        kept[inside] = mask[row, column]
-        left = left[kept]
-    return left
+        inside, row, column, _ = camera.look_up(grid.centres(voxels))
+        inside_masks = ~inside
+        inside_masks[inside] = mask[row, column]
+        voxels = voxels[inside_masks]
+    return voxels
 
 
 def _volume_iou(
@@ -102,8 +102,8 @@ def _volume_iou(
     filled = fill_surface(cloud)
     either = np.flatnonzero(filled | in_hull)
     centres = cloud.grid.centres(either)
-    shown = either[np.all([camera.look_up(centres)[0] for camera, _ in seen], axis=0)]
-    return iou(filled.ravel()[shown], in_hull.ravel()[shown]) if len(shown) else float("nan")
+    visible = either[np.all([camera.look_up(centres)[0] for camera, _ in seen], axis=0)]
+    return iou(filled.ravel()[visible], in_hull.ravel()[visible]) if len(visible) else float("nan")
 
 
 def fill_surface(cloud: VoxelCloud) -> np.ndarray:

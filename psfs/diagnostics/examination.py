@@ -90,8 +90,8 @@ class Diagnosis:
         """The faults by which cameras tell nothing or mislead: all that are blind, and others as
         long as they are no more than a third."""
         spoilt, most = tuple(fault for fault in self.faults if fault.spoils), len(self.views.rig)
-        found = spoilt if 3 * len(_name_cameras(spoilt)) <= most else self.blind
-        return found if len(_name_cameras(found)) + 2 <= most else ()
+        faults = spoilt if 3 * len(_name_cameras(spoilt)) <= most else self.blind
+        return faults if len(_name_cameras(faults)) + 2 <= most else ()
 
 
 def _name_cameras(faults: Iterable[Fault]) -> set[str]:
@@ -201,8 +201,8 @@ def examine(session: Session, all_cameras: bool = False) -> Examination:
         left_out = ()
     gone = _name_cameras(left_out)
     if gone:
-        kept = [name for name in session.rig.names if name not in gone]
-        session = session.with_sequence(session.sequence.with_cameras(kept))
+        names = [name for name in session.rig.names if name not in gone]
+        session = session.with_sequence(session.sequence.with_cameras(names))
     if agreed:
         session = _correct_rig(session, diagnosis)
     return Examination(session, diagnosis, left_out)
@@ -214,11 +214,11 @@ def _correct_rig(session: Session, diagnosis: Diagnosis) -> Session:
     hidden = _recall(session, key, find_hidden_pixels)
     if hidden is not None:
         session = session.with_sequence(session.sequence.with_rig(session.rig.with_hidden(hidden)))
-    found = correct_rig(session, diagnosis.views)
-    if found is None:
+    correction = correct_rig(session, diagnosis.views)
+    if correction is None:
         return session
-    log.info("%s: %s", session.sequence.name, found)
-    return session.with_sequence(session.sequence.with_rig(found.rig))
+    log.info("%s: %s", session.sequence.name, correction)
+    return session.with_sequence(session.sequence.with_rig(correction.rig))
 
 
 def synchronise(session: Session) -> Session:
@@ -226,10 +226,10 @@ def synchronise(session: Session) -> Session:
     cameras are followed where their clocks run differently."""
     if session.sequence.settings.sync != "auto":
         return session
-    found = diagnose(session)
-    if found.of_all is not None:
-        return session.with_sequence(session.sequence.synchronise(found.late))
-    return session.with_sequence(follow_clocks(session, found.late, len(found.views.frames)))
+    result = diagnose(session)
+    if result.of_all is not None:
+        return session.with_sequence(session.sequence.synchronise(result.late))
+    return session.with_sequence(follow_clocks(session, result.late, len(result.views.frames)))
 
 
 def follow_clocks(session: Session, late: Mapping[str, int], n_frames: int) -> Sequence:

@@ -42,11 +42,11 @@ class SilhouetteContours:
     """
 
     def __init__(self, outlines: Sequence[Outline | None]) -> None:
-        found = [(f, o) for f, o in enumerate(outlines) if o is not None and len(o.contour)]
-        self.points = np.concatenate([o.contour for _, o in found] or [np.zeros((0, 2))])
-        self.at_border = np.concatenate([o.contour_at_border for _, o in found] or [np.zeros(0)])
-        lengths = [len(o.contour) for _, o in found]
-        self.frames = np.repeat([f for f, _ in found], lengths).astype(int)
+        numbered = [(f, o) for f, o in enumerate(outlines) if o is not None and len(o.contour)]
+        self.points = np.concatenate([o.contour for _, o in numbered] or [np.zeros((0, 2))])
+        self.at_border = np.concatenate([o.contour_at_border for _, o in numbered] or [np.zeros(0)])
+        lengths = [len(o.contour) for _, o in numbered]
+        self.frames = np.repeat([f for f, _ in numbered], lengths).astype(int)
         # The closed contours with their ends repeated on either side, for filters along them.
         self._padded, self._core, at = [np.zeros(0, int)], [np.zeros(0, int)], 0
         for length in lengths:
@@ -72,9 +72,9 @@ class SilhouetteContours:
         left, right = around[self.core - 1], around[self.core + 1]
         high = (positions >= left) & (positions >= right) & (positions > -np.inf)
         tips = np.nonzero(high & (self.at_border == 0))[0]
-        near = around[self.core[tips, None] + np.arange(-_SIDE, _SIDE + 1)]
-        ends = np.maximum(near[:, 0], near[:, -1])
-        tips = tips[(positions[tips] == near.max(axis=1)) & (positions[tips] > ends)]
+        neighbours = around[self.core[tips, None] + np.arange(-_SIDE, _SIDE + 1)]
+        ends = np.maximum(neighbours[:, 0], neighbours[:, -1])
+        tips = tips[(positions[tips] == neighbours.max(axis=1)) & (positions[tips] > ends)]
         new = np.diff(tips, prepend=-9) > 2  # a plateau counts once
         return tips[new]
 
@@ -95,16 +95,16 @@ class FrontierPoints:
     def __len__(self) -> int:
         return len(self.frames)
 
-    def select(self, kept: np.ndarray) -> FrontierPoints:
-        """Return those that are `kept` (M,) bool."""
+    def select(self, mask: np.ndarray) -> FrontierPoints:
+        """Return those of a `mask` (M,) bool."""
         columns = self.views, self.frames, self.pixels, self.rates
-        return FrontierPoints(*(column[kept] for column in columns))
+        return FrontierPoints(*(column[mask] for column in columns))
 
 
-def join_points(found: Iterable[FrontierPoints]) -> FrontierPoints:
-    """Return all points of `found`, one after another."""
+def join_points(parts: Iterable[FrontierPoints]) -> FrontierPoints:
+    """Return all points of `parts`, one after another."""
     empty = np.zeros((0, 2), int), np.zeros(0, int), np.zeros((0, 2, 2)), np.zeros(0)
-    columns = [empty, *((p.views, p.frames, p.pixels, p.rates) for p in found)]
+    columns = [empty, *((p.views, p.frames, p.pixels, p.rates) for p in parts)]
     return FrontierPoints(*(np.concatenate(column) for column in zip(*columns, strict=True)))
 
 
@@ -124,7 +124,7 @@ def find_frontier_points(
     planes are compared at the nominal time of the frame.
     """
     late = np.zeros(len(cameras)) if offsets is None else offsets
-    views = [_View(*of, bend) for of in zip(cameras, contours, late, strict=True)]
+    views = [_View(*camera_view, bend) for camera_view in zip(cameras, contours, late, strict=True)]
     pairs = list(combinations(range(len(cameras)), 2))
     return join_points(map_in_threads(lambda pair: _match_pair(views, pair, scene, gate), pairs))
 
@@ -154,16 +154,16 @@ def _match_pair(
             slope = aside / ahead
             usable = (ahead > 0) & (np.abs(slope) < _STEEPEST)
         slopes.append(np.where(usable, slope, np.nan))
-    found = []
+    matches = []
     for sign in (-1.0, 1.0):
         tips = [
             _Tips(view, sign * slope, sign, line) for view, slope in zip(both, slopes, strict=True)
         ]
-        found.append(_match_tips(tips[0], tips[1], gate))
-    indices = np.concatenate([np.stack([tips[0], tips[1]], -1) for tips in found])
+        matches.append(_match_tips(tips[0], tips[1], gate))
+    indices = np.concatenate([np.stack([tips[0], tips[1]], -1) for tips in matches])
     pixels = np.stack([view.contours.points[indices[:, k]] for k, view in enumerate(both)], 1)
     frames = both[0].contours.frames[indices[:, 0]]
-    rates = np.concatenate([tips[2] for tips in found])
+    rates = np.concatenate([tips[2] for tips in matches])
     return FrontierPoints(np.tile(pair, (len(frames), 1)), frames, pixels, rates)
 
 
@@ -190,16 +190,17 @@ class _Tips:
         if len(pixels) < 3:
             return np.full(len(pixels), np.nan)
         apart = 2 * _REACH  # frames, so that none is searched for in another
-        tree, near = scipy.spatial.cKDTree(np.column_stack([pixels, self.frames * apart])), []
+        tree = scipy.spatial.cKDTree(np.column_stack([pixels, self.frames * apart]))
+        neighbour_angles = []
         for step in (-1, 1):
             wanted = np.column_stack([pixels, (self.frames + step) * apart])
             away, index = tree.query(wanted, distance_upper_bound=_REACH)
             known = np.isfinite(away)
             angles = np.full(len(pixels), np.nan)
             angles[known] = self.angles[index[known]]
-            near.append(angles)
-        bend = np.abs(near[0] + near[1] - 2 * self.angles)
-        rates: np.ndarray = 0.5 * (near[1] - near[0])
+            neighbour_angles.append(angles)
+        bend = np.abs(neighbour_angles[0] + neighbour_angles[1] - 2 * self.angles)
+        rates: np.ndarray = 0.5 * (neighbour_angles[1] - neighbour_angles[0])
         rates[~(bend < self.most)] = np.nan
         return rates
 
@@ -215,8 +216,8 @@ def _match_tips(a: _Tips, b: _Tips, gate: float) -> tuple[np.ndarray, np.ndarray
     rates = 0.5 * (a.rates + b.rates[there])
     with np.errstate(invalid="ignore"):
         alike = np.abs(a.rates - b.rates[there]) < np.hypot(a.most, b.most[there])
-    kept = (back[there] == np.arange(len(there))) & (away < gate * per_pixel) & alike
-    return a.indices[kept], b.indices[there[kept]], rates[kept]
+    mutual = (back[there] == np.arange(len(there))) & (away < gate * per_pixel) & alike
+    return a.indices[mutual], b.indices[there[mutual]], rates[mutual]
 
 
 def _find_nearest(a: _Tips, b: _Tips) -> tuple[np.ndarray, np.ndarray]:
@@ -247,7 +248,7 @@ def epipolar_residuals(
     R = np.stack([camera.R for camera in cameras])
     centres = np.stack([camera.centre for camera in cameras])
     rays = trace_points(cameras, points)
-    own = np.einsum("mkij,mkj->mki", R[points.views], rays)
+    local_rays = np.einsum("mkij,mkj->mki", R[points.views], rays)
     a, b = points.views.T
     line = centres[b] - centres[a]
     length = np.linalg.norm(line, axis=1, keepdims=True)
@@ -260,10 +261,10 @@ def epipolar_residuals(
     by_offset = sizes * points.rates
     residuals = (normals[:, 1] * rays[:, 1]).sum(1) + by_offset * (offsets[a] - offsets[b])
     slopes = np.empty((len(points), 2, 8))
-    slopes[..., :3] = np.cross(local, own)
+    slopes[..., :3] = np.cross(local, local_rays)
     by_centre = np.cross(rays[:, 0], rays[:, 1]) / length
     slopes[:, 0, 3:6], slopes[:, 1, 3:6] = -by_centre, by_centre
-    slopes[..., 6] = -(local[..., :2] * own[..., :2]).sum(-1)
+    slopes[..., 6] = -(local[..., :2] * local_rays[..., :2]).sum(-1)
     slopes[:, 0, 7], slopes[:, 1, 7] = by_offset, -by_offset
     return residuals / per_pixel, slopes / per_pixel[:, None, None]
 

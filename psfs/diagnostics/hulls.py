@@ -22,13 +22,13 @@ class HullRays:
     """
 
     def __init__(self, camera: Camera, outlines: Sequence[Outline | None]) -> None:
-        found = [(number, of) for number, of in enumerate(outlines) if of is not None]
+        traced = [(frame, line) for frame, line in enumerate(outlines) if line is not None]
         self.camera, self.n_frames = camera, len(outlines)
-        self.frames = np.array([number for number, _ in found], int)
-        self.pixels = np.concatenate([of.points for _, of in found] or [np.zeros((0, 2))])
-        borders = [of.at_border for _, of in found] or [np.zeros(0, bool)]
+        self.frames = np.array([frame for frame, _ in traced], int)
+        self.pixels = np.concatenate([line.points for _, line in traced] or [np.zeros((0, 2))])
+        borders = [line.at_border for _, line in traced] or [np.zeros(0, bool)]
         self.at_border = np.concatenate(borders)
-        self.starts = np.cumsum([0, *(len(of.points) for _, of in found)])[:-1]
+        self.starts = np.cumsum([0, *(len(line.points) for _, line in traced)])[:-1]
 
     @cached_property
     def rays(self) -> np.ndarray:
@@ -51,9 +51,9 @@ class HullRays:
             high = np.maximum.reduceat(bounded, self.starts, axis=-1)
             least = np.where(low <= least, np.nan, least)
             greatest = np.where(high >= greatest, np.nan, greatest)
-        found = np.stack([least, greatest], -1)
-        found[too_wide] = np.nan
-        out[..., self.frames, :] = found
+        ends = np.stack([least, greatest], -1)
+        ends[too_wide] = np.nan
+        out[..., self.frames, :] = ends
         return out
 
     def find_extreme_angles(self, forward: np.ndarray, across: np.ndarray) -> np.ndarray:
@@ -64,15 +64,15 @@ class HullRays:
 
     def extreme_points(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return `extremes` and the pixels (F, 2, 2) of their corners."""
-        found = self.extremes(values)
+        ends = self.extremes(values)
         pixels = np.full((self.n_frames, 2, 2), np.nan)
         lengths = np.diff([*self.starts, len(values)])
         for side in range(2):
-            wanted = np.repeat(found[self.frames, side], lengths)
+            wanted = np.repeat(ends[self.frames, side], lengths)
             at = np.nonzero(values == wanted)[0]
             rows = np.repeat(self.frames, lengths)[at]
             pixels[rows, side] = self.pixels[at]
-        return found, pixels
+        return ends, pixels
 
 
 def measure_sight(hulls: HullRays) -> np.ndarray:

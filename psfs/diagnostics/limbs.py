@@ -58,8 +58,8 @@ class _Traced:
     across: np.ndarray
     pixels: np.ndarray
 
-    def select(self, kept: np.ndarray) -> _Traced:
-        return _Traced(*(getattr(self, field.name)[kept] for field in fields(self)))
+    def select(self, mask: np.ndarray) -> _Traced:
+        return _Traced(*(getattr(self, field.name)[mask] for field in fields(self)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +75,7 @@ class LimbViews:
         """Measure the axes in the contours of each view."""
         pairs = list(zip(hulls, contours, strict=True))
         axes = map_in_threads(lambda of: MedialAxes.create(of[0].camera, of[1]), pairs)
-        return cls(list(axes), np.stack([measure_sight(own) for own in hulls]))
+        return cls(list(axes), np.stack([measure_sight(view_hulls) for view_hulls in hulls]))
 
     def find_points(self, cameras: Sequence[Camera], lags: np.ndarray) -> LimbPoints:
         """Return the points on axes on which cameras of these lags (V,) frames agree."""
@@ -132,17 +132,17 @@ class LimbPoints:
         across = traced.across[items, views]
         along = np.stack([-across[:, 1], across[:, 0]], -1)
         away, by_camera, pull = (
-            np.einsum("mi,mi...->m...", across, of) for of in (errors, by_camera, by_point)
+            np.einsum("mi,mi...->m...", across, values) for values in (errors, by_camera, by_point)
         )
         both = [Slope("cameras", views, by_camera[:, None]), Slope("limbs", items, pull[:, None])]
-        found = Residuals(away, both, weights=INDEPENDENT_SHARE, least=NOISE)
+        crossing = Residuals(away, both, weights=INDEPENDENT_SHARE, least=NOISE)
         first = views == traced.firsts[items]
-        away, pull = (np.einsum("mi,mi...->m...", along, of)[first] for of in (errors, by_point))
+        away, pull = (np.einsum("mi,mi...->m...", along, v)[first] for v in (errors, by_point))
         fixed = Residuals(
             away, [Slope("limbs", items[first], pull[:, None])], sigma=NOISE,
             weights=INDEPENDENT_SHARE * _ALONG, robust=False,
         )  # fmt: skip
-        return [found, fixed]
+        return [crossing, fixed]
 
 
 def _find_points(
@@ -151,18 +151,18 @@ def _find_points(
 ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
     """Return indices (N,) of a camera's medial points and the points (N, 3) in space at whose depth
     most other cameras see an axis of the same width."""
-    camera, own = cameras[view], axes[view]
+    camera, view_axes = cameras[view], axes[view]
     if not np.isfinite(stature):  # nobody is seen wholly
         return np.zeros(0, int), np.zeros((0, 3))
-    chosen = np.arange(0, len(own.frames), max(1, len(own.frames) // _PER_CAMERA))
+    chosen = np.arange(0, len(view_axes.frames), max(1, len(view_axes.frames) // _PER_CAMERA))
     middle = (person - camera.centre) @ camera.R[2]
     around, step = _AROUND * stature, _STEP * stature
     depths = np.arange(max(step, middle - around), middle + around, step)
     if not len(chosen) or not len(depths):
         return np.zeros(0, int), np.zeros((0, 3))
     focal = camera.K[0, 0]
-    rays = np.column_stack([own.places[chosen] / focal, np.ones(len(chosen))]) @ camera.R
-    widths = own.widths[chosen][:, None] * depths / focal
+    rays = np.column_stack([view_axes.places[chosen] / focal, np.ones(len(chosen))]) @ camera.R
+    widths = view_axes.widths[chosen][:, None] * depths / focal
     sound = (widths > _THINNEST * stature) & (widths < _WIDEST * stature)
     tried, widths = np.flatnonzero(sound), widths[sound]
     of_ray, of_depth = np.divmod(tried, len(depths))
@@ -173,7 +173,7 @@ def _find_points(
         if number == view or not len(seen.frames):
             continue
         places, z = _project(other, points)
-        frames = np.round(own.frames[chosen] - lags[view] + lags[number]).astype(int)
+        frames = np.round(view_axes.frames[chosen] - lags[view] + lags[number]).astype(int)
         nearest = seen.find_nearest(frames[of_ray], places)
         met = nearest >= 0
         nearest, places, z = nearest[met], places[met], z[met]
@@ -185,9 +185,9 @@ def _find_points(
     best, rows = costs.argmin(axis=1), np.arange(len(chosen))
     another = np.abs(depths - depths[best][:, None]) > _APART * stature
     lead = np.where(another, costs, 0).min(axis=1) - costs[rows, best]
-    kept = np.isfinite(costs[rows, best]) & (votes[rows, best] >= _VIEWS)
-    kept &= lead > _LEAD
-    return chosen[kept], camera.centre + rays[kept] * depths[best[kept], None]
+    accepted = np.isfinite(costs[rows, best]) & (votes[rows, best] >= _VIEWS)
+    accepted &= lead > _LEAD
+    return chosen[accepted], camera.centre + rays[accepted] * depths[best[accepted], None]
 
 
 def _project(camera: Camera, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -204,39 +204,39 @@ def _are_alike(first: np.ndarray, second: np.ndarray) -> np.ndarray:
 
 def _trace(
     cameras: Sequence[Camera], lags: np.ndarray, axes: Sequence[MedialAxes],
-    found: Sequence[tuple[np.ndarray, np.ndarray]],
+    chosen: Sequence[tuple[np.ndarray, np.ndarray]],
 ) -> _Traced:  # fmt: skip
     """Return what all cameras measure of the points that were found from each of them."""
-    firsts = np.repeat(np.arange(len(found)), [len(own) for own, _ in found])
-    indices, points = (np.concatenate(of) for of in zip(*found, strict=True))
+    firsts = np.repeat(np.arange(len(chosen)), [len(view_axes) for view_axes, _ in chosen])
+    indices, points = (np.concatenate(of) for of in zip(*chosen, strict=True))
     n, views = len(points), len(cameras)
     times, widths = np.zeros(n), np.zeros(n)
-    for view, (camera, own) in enumerate(zip(cameras, axes, strict=True)):
+    for view, (camera, view_axes) in enumerate(zip(cameras, axes, strict=True)):
         mine = firsts == view
-        times[mine] = own.frames[indices[mine]] - lags[view]
+        times[mine] = view_axes.frames[indices[mine]] - lags[view]
         depths = (points[mine] - camera.centre) @ camera.R[2]
-        widths[mine] = own.widths[indices[mine]] * depths / camera.K[0, 0]
+        widths[mine] = view_axes.widths[indices[mine]] * depths / camera.K[0, 0]
     known, frames = np.zeros((n, views), bool), np.zeros((n, views), int)
     across, places = np.zeros((n, views, 2)), np.zeros((n, views, 2, 2))
     planes = np.zeros((n, views, 3))
-    for view, (camera, own) in enumerate(zip(cameras, axes, strict=True)):
-        if not len(own.frames):
+    for view, (camera, view_axes) in enumerate(zip(cameras, axes, strict=True)):
+        if not len(view_axes.frames):
             continue
         mine, at = firsts == view, times + lags[view]
         frames[:, view] = np.where(mine, np.round(at), np.floor(at))
         seen, z = _project(camera, points)
-        pair = [own.find_nearest(frames[:, view] + later, seen) for later in (0, 1)]
+        pair = [view_axes.find_nearest(frames[:, view] + later, seen) for later in (0, 1)]
         pair[0] = np.where(mine, indices, pair[0])
-        normals = [own.across[nearest] for nearest in pair]
+        normals = [view_axes.across[nearest] for nearest in pair]
         cosines = (normals[0] * normals[1]).sum(1)
         normals[1] = normals[1] * np.sign(cosines)[:, None]
         sound = np.abs(cosines) > OPPOSITE
         mean = normals[0] + normals[1]
         mean /= np.maximum(np.linalg.norm(mean, axis=1, keepdims=True), 1e-9)
         for later, (nearest, normal) in enumerate(zip(pair, normals, strict=True)):
-            away = ((seen - own.places[nearest]) * normal).sum(1)
+            away = ((seen - view_axes.places[nearest]) * normal).sum(1)
             sound &= (nearest >= 0) & (np.abs(away) < (2 + later) * _GATE)
-            sound &= _are_alike(own.widths[nearest] * z / camera.K[0, 0], widths)
+            sound &= _are_alike(view_axes.widths[nearest] * z / camera.K[0, 0], widths)
             places[:, view, later] = seen - away[:, None] * mean
         known[:, view], across[:, view] = sound, mean
         plane = np.column_stack([camera.K[0, 0] * mean, -(mean * seen).sum(1)]) @ camera.R
@@ -245,5 +245,5 @@ def _trace(
     spread = np.einsum("nvi,nvj,nv->nij", planes, planes, known)
     directions = np.linalg.eigh(spread)[1][:, :, 0]
     known &= np.abs(np.einsum("nvi,ni->nv", planes, directions)) < np.sin(_STRAIGHT)
-    kept = (known.sum(axis=1) >= _VIEWS) & known[np.arange(n), firsts]
-    return _Traced(times, firsts, points, known, frames, across, places).select(kept)
+    accepted = (known.sum(axis=1) >= _VIEWS) & known[np.arange(n), firsts]
+    return _Traced(times, firsts, points, known, frames, across, places).select(accepted)

@@ -51,13 +51,13 @@ class MedialAxes:
         count = int(contours.frames.max(initial=-1)) + 1
         pixels = camera.K[0, 0] * camera.normalise(contours.points)
         begins = np.searchsorted(contours.frames, np.arange(count + 1))
-        found = [
+        middles = [
             _find_middles(pixels[begin:end], contours.at_border[begin:end] > 0)
             for begin, end in pairwise(begins)
         ]
-        frames = np.repeat(np.arange(count), [len(of[2]) for of in found])
+        frames = np.repeat(np.arange(count), [len(columns[2]) for columns in middles])
         none = np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0)
-        places, across, widths = (np.concatenate(of) for of in zip(none, *found, strict=True))
+        places, across, widths = map(np.concatenate, zip(none, *middles, strict=True))
         shape = tuple(side // _CELL + 2 * _MARGIN for side in camera.size[::-1])
         nearest = _map_nearest(places, frames, count, shape)
         return cls(frames, places, across, widths, nearest)
@@ -70,9 +70,9 @@ class MedialAxes:
         x, y = cells[..., 0], cells[..., 1]
         frames = np.broadcast_to(frames, x.shape)
         inside = (x >= 0) & (x < width) & (y >= 0) & (y < height) & (frames >= 0) & (frames < count)
-        found = np.full(x.shape, -1)
-        found[inside] = self.nearest[frames[inside], y[inside], x[inside]]
-        return found
+        indices = np.full(x.shape, -1)
+        indices[inside] = self.nearest[frames[inside], y[inside], x[inside]]
+        return indices
 
 
 def _find_middles(
@@ -89,9 +89,9 @@ def _find_middles(
     side = np.sign((smooth[:, 0] * after[:, 1] - after[:, 0] * smooth[:, 1]).sum())
     inward = side * np.stack([-along[:, 1], along[:, 0]], -1)
     first = np.arange(0, len(pixels), 2)
-    own = smooth[first]
-    depth = inward[first] @ smooth.T - (inward[first] * own).sum(1)[:, None]
-    aside = along[first] @ smooth.T - (along[first] * own).sum(1)[:, None]
+    start = smooth[first]
+    depth = inward[first] @ smooth.T - (inward[first] * start).sum(1)[:, None]
+    aside = along[first] @ smooth.T - (along[first] * start).sum(1)[:, None]
     depth[(np.abs(aside) > _ASIDE) | (depth < _NEXT)] = np.inf
     second = depth.argmin(axis=1)
     facing = np.isfinite(depth[np.arange(len(first)), second]) & ~at_border[first]

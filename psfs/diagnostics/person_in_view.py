@@ -59,22 +59,22 @@ def find_person_in_views(
     scale: size of the sequence's own pictures relative to those of the rig."""
     least = min(2, len(rig))
     there = [row for row in outlines if sum(one is not None for one in row) >= least]
-    found = []
+    persons = []
     for view, camera in enumerate(rig):
-        own = [outline for row in outlines if (outline := row[view]) is not None]
-        beyond = np.array([_find_edges(outline, camera.size) for outline in own]).reshape(-1, 4)
+        traced = [outline for row in outlines if (outline := row[view]) is not None]
+        beyond = np.array([_find_edges(line, camera.size) for line in traced]).reshape(-1, 4)
         whole = ~beyond.any(axis=1)
-        heights = [float(np.ptp(outline.points[:, 1])) + 1 for outline in own]
-        found.append(
+        heights = [float(np.ptp(outline.points[:, 1])) + 1 for outline in traced]
+        persons.append(
             PersonInView(
                 camera.name,
-                len(own) / max(1, len(there)),
-                float(whole.mean()) if len(own) else 0.0,
+                len(traced) / max(1, len(there)),
+                float(whole.mean()) if len(traced) else 0.0,
                 scale * float(np.median(heights)) if heights else float("nan"),
                 _EDGES[int(beyond.sum(axis=0).argmax())] if beyond.any() else "",
             )
         )
-    return found
+    return persons
 
 
 def _find_edges(outline: Outline, size: tuple[int, int]) -> np.ndarray:

@@ -68,9 +68,9 @@ def find_empty(evidence: Evidence) -> Iterator[Fault]:
             yield Fault("empty", (name,), text, spoils=True)
     if hidden:
         number = len(views.frames)
-        shown = "one picture" if number == 1 else f"{number} pictures"
+        shots = "one picture" if number == 1 else f"{number} pictures"
         text = (
-            f"{shown} of {'camera' if len(hidden) == 1 else 'cameras'} {join_names(hidden)} cannot "
+            f"{shots} of {'camera' if len(hidden) == 1 else 'cameras'} {join_names(hidden)} cannot "
             "say what the room looks like without the person, so there is no silhouette: film the "
             "empty room (a folder background), add masks, or track keypoints alone (--keypoints "
             "FILE --objective keypoints)"
@@ -224,11 +224,11 @@ def _find_knock(evidence: Evidence, view: int) -> str:
     background = _edges(picture)
     window = cv2.createHanningWindow(evidence.rig[view].size, cv2.CV_32F)
     moves = []
-    for shown, mask in zip(
+    for image, mask in zip(
         _crop(evidence, views.pictures, view), _crop(evidence, views.silhouettes, view), strict=True
     ):
         people = cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_OPEN, np.ones((7, 7), np.uint8))
-        moves.append(_measure_shift(background, _edges(np.where(people, picture, shown)), window))
+        moves.append(_measure_shift(background, _edges(np.where(people, picture, image)), window))
     moved = np.array(moves)
     away = np.linalg.norm(moved, axis=1) > _SHAKING
     typical = np.median(moved[away], axis=0) if away.any() else np.zeros(2)
@@ -245,16 +245,16 @@ def _find_knock(evidence: Evidence, view: int) -> str:
 
 
 def _measure_shift(
-    background: np.ndarray, shown: np.ndarray, window: np.ndarray
+    background: np.ndarray, edges: np.ndarray, window: np.ndarray
 ) -> tuple[float, float]:
-    """Return the shift (x, y), px, of the edges (h, w) in the picture, `shown`, from those of the
+    """Return the shift (x, y), px, of the `edges` (h, w) in the picture from those of the
     background; (0, 0) if they do not correlate better when shifted back."""
-    as_is = _correlate(background, shown)
+    as_is = _correlate(background, edges)
     if as_is >= 1 - _GAIN:  # a correlation is at most 1
         return 0.0, 0.0
-    shift, _ = cv2.phaseCorrelate(background.copy(), shown.copy(), window)  # windows its arguments
+    shift, _ = cv2.phaseCorrelate(background.copy(), edges.copy(), window)  # windows its arguments
     back = [-round(s) for s in shift[::-1]]
-    laid_back = _correlate(background, np.roll(shown, back, axis=(0, 1)))
+    laid_back = _correlate(background, np.roll(edges, back, axis=(0, 1)))
     return (shift[0], shift[1]) if laid_back > as_is + _GAIN else (0.0, 0.0)
 
 
@@ -269,19 +269,19 @@ def _find_person(evidence: Evidence, view: int) -> str:
     foreground in one place in most frames, with edges around it in the background only."""
     views = evidence.views
     assert views.pictures is not None
-    shown = _crop(evidence, views.silhouettes, view)
+    masks = _crop(evidence, views.silhouettes, view)
     outlines = [row[view] for row in views.outlines]
     areas = [outline.area for outline in outlines if outline is not None]
     usual = float(np.median(areas)) if areas else np.inf
     cross = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
-    steady = cv2.morphologyEx((shown.mean(0) >= _STEADY).astype(np.uint8), cv2.MORPH_OPEN, cross)
+    steady = cv2.morphologyEx((masks.mean(0) >= _STEADY).astype(np.uint8), cv2.MORPH_OPEN, cross)
     count, labels, facts, _ = cv2.connectedComponentsWithStats(steady, connectivity=4)
     background = _edges(_backdrop(evidence, view))
     pictures = [_edges(picture) for picture in _crop(evidence, views.pictures, view)]
-    for part in range(1, count):
-        if facts[part, cv2.CC_STAT_AREA] < _LARGE * usual:
+    for region in range(1, count):
+        if facts[region, cv2.CC_STAT_AREA] < _LARGE * usual:
             continue
-        inside = (labels == part).astype(np.uint8)
+        inside = (labels == region).astype(np.uint8)
         rim = cv2.dilate(inside, cross, iterations=2) > cv2.erode(inside, cross)
         there = float(background[rim].mean())
         ratios = np.array([there / max(float(edges[rim].mean()), 1e-6) for edges in pictures])

@@ -165,8 +165,8 @@ def fit_rig(
         ) -> list[Residuals]:  # fmt: skip
             changes = parameters["cameras"]
             cameras = correct_cameras(rig, changes)
-            found = _measure_points(cameras, changes[:, 7], points, groups, uncertain)
-            residuals = [found, prior("cameras", changes, sizes), _hold(held, changes)]
+            frontier = _measure_points(cameras, changes[:, 7], points, groups, uncertain)
+            residuals = [frontier, prior("cameras", changes, sizes), _hold(held, changes)]
             for more in further:
                 residuals += more.measure(cameras, changes[:, 7], parameters)
             return residuals

@@ -53,29 +53,29 @@ class Checker:
 
     def __call__(self, frame: Frame, cloud: VoxelCloud) -> np.ndarray:
         shape = (self.rig.height, self.rig.width)
-        shown = self.silhouettes(frame)
+        silhouettes = self.silhouettes(frame)
         scores = []
         for view, camera in enumerate(self.rig):
             voxels = voxel_silhouette(camera, cloud.centres, self._extents[view], shape)
-            scores.append(iou(voxels & self.known[view], shown[view]))
+            scores.append(iou(voxels & self.known[view], silhouettes[view]))
         return np.array(scores)
 
 
-def whole_silhouettes(shown: np.ndarray, region: np.ndarray) -> np.ndarray:
+def whole_silhouettes(silhouettes: np.ndarray, region: np.ndarray) -> np.ndarray:
     """Return the `whole_silhouette` (V, H, W) bool of each view."""
-    return np.stack([whole_silhouette(*of) for of in zip(shown, region, strict=True)])
+    return np.stack([whole_silhouette(*pair) for pair in zip(silhouettes, region, strict=True)])
 
 
-def whole_silhouette(shown: np.ndarray, region: np.ndarray) -> np.ndarray:
+def whole_silhouette(silhouette: np.ndarray, region: np.ndarray) -> np.ndarray:
     """Return the silhouette (H, W) bool of what is in the volume, whose projection is `region`.
 
     Parts of which a share of at least `_MOSTLY` lies within `region` count whole, others only
     within it. Speckle is removed.
     """
-    smooth = cv2.medianBlur(shown.astype(np.uint8), 5)
+    smooth = cv2.medianBlur(silhouette.astype(np.uint8), 5)
     left, top, width, height = cv2.boundingRect(smooth)
     box = np.s_[top : top + height, left : left + width]
-    inside, whole = region[box], np.zeros(shown.shape, bool)
+    inside, whole = region[box], np.zeros(silhouette.shape, bool)
     if not inside.size:
         return whole
     count, labels = cv2.connectedComponents(smooth[box], connectivity=8)
@@ -83,8 +83,8 @@ def whole_silhouette(shown: np.ndarray, region: np.ndarray) -> np.ndarray:
     within = np.bincount(labels[inside], minlength=count)
     mostly = within >= _MOSTLY * np.maximum(areas, 1)
     mostly[0] = False
-    part = (smooth[box] > 0) & (inside | mostly[labels])
-    whole[box] = keep_large_regions(part, SPECKLE_SHARE)
+    kept_pixels = (smooth[box] > 0) & (inside | mostly[labels])
+    whole[box] = keep_large_regions(kept_pixels, SPECKLE_SHARE)
     return whole
 
 

@@ -95,8 +95,8 @@ def sequence_info(sequence: Sequence) -> SequenceInfo:
 def find_keypoints(folder: Path) -> Path | None:
     """Return the file or folder in `folder` whose name says that it holds 2-D keypoints, if there
     is one."""
-    found = (path for pattern in _KEYPOINTS for path in sorted(folder.glob(pattern)))
-    return next(found, None)
+    matches = (path for pattern in _KEYPOINTS for path in sorted(folder.glob(pattern)))
+    return next(matches, None)
 
 
 def rig_extent(rig: CameraRig) -> float:

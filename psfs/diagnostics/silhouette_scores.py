@@ -56,12 +56,12 @@ class Silhouettes:
 def truth_frames(sequence: Sequence) -> list[int]:
     """Return the numbers of the frames with a true mask of at least one camera."""
     folder, names = sequence.folder / TRUE_MASKS, sequence.rig.names
-    found = {
+    numbers = {
         int(path.stem[-6:])
         for path in folder.glob("*_[0-9][0-9][0-9][0-9][0-9][0-9].png")
         if path.stem[:-7] in names
     }
-    return sorted(found & set(range(len(sequence))))
+    return sorted(numbers & set(range(len(sequence))))
 
 
 def true_mask(
@@ -75,8 +75,8 @@ def true_mask(
     picture = read_picture(path, cv2.IMREAD_GRAYSCALE)
     width, height = camera.size
     if picture.shape != (height, width):
-        found = f"{picture.shape[1]} x {picture.shape[0]} px"
-        raise InputError(f"{path}: {found}; expected a mask of {width} x {height} px")
+        size = f"{picture.shape[1]} x {picture.shape[0]} px"
+        raise InputError(f"{path}: {size}; expected a mask of {width} x {height} px")
     mask = np.zeros(shape, bool)
     mask[:height, :width] = picture > 127
     return mask
@@ -107,7 +107,7 @@ def score_silhouettes(session: Session, wanted: Collection[int]) -> Iterator[Sil
         evidence = reconstruct.evidence()
         masks = (evidence > 0) & within
         truth = true_masks(sequence, frame.index)
-        scores = np.array([_scores(*of) for of in zip(rig, masks, truth, strict=True)])
+        scores = np.array([_scores(*view) for view in zip(rig, masks, truth, strict=True)])
         likelihood = session.reconstruction.silhouette.evidence.likelihood(evidence)
         cloud = remove_debris(voxels.cloud())
         yield Silhouettes(frame, within, likelihood, masks, truth, scores, cloud)
@@ -133,13 +133,13 @@ _GROUND = 60  # grey level between and behind the panels
 _Part = tuple[slice, slice]
 
 
-def draw_mosaic(rig: CameraRig, shown: Silhouettes) -> np.ndarray:
+def draw_mosaic(rig: CameraRig, result: Silhouettes) -> np.ndarray:
     """Draw (h, w, 3) uint8 BGR: a row per camera with the picture, the likelihood (black 0, white
     1), the silhouette and, if a true mask is known, the differences between the two."""
-    parts = [_part(camera, view, shown) for view, camera in enumerate(rig)]
-    widest = max(_size(part)[0] for part in parts)
+    crops = [_part(camera, view, result) for view, camera in enumerate(rig)]
+    widest = max(_size(crop)[0] for crop in crops)
     return tile_pictures(
-        [_row(camera, view, shown, parts[view], widest) for view, camera in enumerate(rig)]
+        [_row(camera, view, result, crops[view], widest) for view, camera in enumerate(rig)]
     )
 
 
@@ -154,35 +154,35 @@ def draw_differences(picture: np.ndarray, mask: np.ndarray, truth: np.ndarray) -
 
 
 def _row(
-    camera: Camera, view: int, shown: Silhouettes, part: _Part, width: int
+    camera: Camera, view: int, result: Silhouettes, crop: _Part, width: int
 ) -> list[np.ndarray]:
     """Draw one view's panels, `width` px wide each."""
-    truth, score = shown.truth[view], shown.scores[view, 0]
-    picture = crop_view(shown.frame, view, camera)[part]
-    likelihood, mask = shown.likelihood[view][part], shown.masks[view][part]
+    truth, score = result.truth[view], result.scores[view, 0]
+    picture = crop_view(result.frame, view, camera)[crop]
+    likelihood, mask = result.likelihood[view][crop], result.masks[view][crop]
     panels = [picture, _grey(255 * likelihood), _grey(255 * mask)]
-    texts = [f"{camera.name}, frame {shown.frame.index}", "likelihood", "silhouette"]
+    texts = [f"{camera.name}, frame {result.frame.index}", "likelihood", "silhouette"]
     if truth is not None:
-        panels.append(draw_differences(picture, mask, truth[part]))
+        panels.append(draw_differences(picture, mask, truth[crop]))
         known = "true mask empty" if np.isnan(score) else f"IoU {score:.3f}"
         texts.append(f"{known}: missed red, too much green")
-    sized = [_fit(panel, _size(part)) for panel in panels]
+    sized = [_fit(panel, _size(crop)) for panel in panels]
     return [_add_label(*of, width) for of in zip(sized, texts, strict=True)]
 
 
-def _part(camera: Camera, view: int, shown: Silhouettes) -> _Part:
+def _part(camera: Camera, view: int, result: Silhouettes) -> _Part:
     """Return rows and columns of the picture that look into the volume or belong to the true mask;
     all if there are none."""
-    region, truth = shown.region[view], shown.truth[view]
+    region, truth = result.region[view], result.truth[view]
     if truth is not None:
         region = region | truth
     width, height = camera.size
     return bounding_box(region) or (slice(0, height), slice(0, width))
 
 
-def _size(part: _Part) -> tuple[int, int]:
+def _size(crop: _Part) -> tuple[int, int]:
     """Return width and height of a part enlarged or reduced to fit into `_PANEL`."""
-    height, width = (of.stop - of.start for of in part)
+    height, width = (side.stop - side.start for side in crop)
     scale = min(_PANEL[0] / width, _PANEL[1] / height)
     return max(1, round(width * scale)), max(1, round(height * scale))
 

@@ -108,12 +108,12 @@ def small_views(
     background = shrink.background(sequence.background)
     begin = make_evidence_pipeline(device, shrink.small, background, SILHOUETTES)
     frames = frames or _select_frames(sequence)
-    kept = pick_evenly(len(frames), _KEPT)
+    kept_frames = pick_evenly(len(frames), _KEPT)
     backgrounds = None if background is None else _grey(background.mean.astype(np.uint8))
     outlines, foreground, gains, changes, masks, pictures = [], [], [], [], [], []
     before: np.ndarray | None = None
-    shown = shrink.frames(sequence.frames(slice(frames.start, frames.stop)))
-    for number, (small, evidence) in enumerate(compute_ahead(shown, begin)):
+    small_frames = shrink.frames(sequence.frames(slice(frames.start, frames.stop)))
+    for number, (small, evidence) in enumerate(compute_ahead(small_frames, begin)):
         silhouettes = evidence > 0
         pairs = list(zip(shrink.small, silhouettes, strict=True))
         outlines.append([extract_outline(mask[: c.size[1], : c.size[0]]) for c, mask in pairs])
@@ -123,12 +123,12 @@ def small_views(
         now = silhouettes.view(np.uint8) * np.uint8(255) if grey is None else grey
         changes.append(_count_changes(now, now if before is None else before))
         before = now
-        if number in kept:
+        if number in kept_frames:
             masks.append(silhouettes)
             pictures.append(grey)
     return SmallViews(
         shrink.small, frames, outlines, np.array(foreground), np.array(gains), np.array(changes),
-        backgrounds, kept + frames.start, np.stack(masks),
+        backgrounds, kept_frames + frames.start, np.stack(masks),
         None if pictures[0] is None else np.stack(pictures),  # type: ignore[arg-type]
     )  # fmt: skip
 
@@ -173,13 +173,13 @@ def extract_outline(mask: np.ndarray, least: int = 40) -> Outline | None:
     areas = facts[1:count, cv2.CC_STAT_AREA]
     if not len(areas) or areas.max() < least:
         return None
-    part = 1 + int(areas.argmax())
-    own = (labels == part).view(np.uint8)
-    parts, _ = cv2.findContours(own, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE, offset=(x, y))
+    largest = 1 + int(areas.argmax())
+    region = (labels == largest).view(np.uint8)
+    parts, _ = cv2.findContours(region, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE, offset=(x, y))
     contour = max(parts, key=len)
     corners = cv2.convexHull(contour).reshape(-1, 2).astype(float)
     points = contour.reshape(-1, 2).astype(float)
-    borders = [find_border_points(of, mask.shape) for of in (corners, points)]
+    borders = [find_border_points(corner_points, mask.shape) for corner_points in (corners, points)]
     return Outline(corners, borders[0], int(areas.max()), points, borders[1])
 
 
@@ -190,8 +190,8 @@ def shrink_hidden(rig: CameraRig, small: CameraRig) -> list[np.ndarray] | None:
         return None
     pairs = zip(rig.hidden, rig, small, strict=True)  # those of smaller cameras are padded
     return [
-        cv2.resize(own[: camera.size[1], : camera.size[0]].view(np.uint8), other.size)
-        for own, camera, other in pairs
+        cv2.resize(hidden[: camera.size[1], : camera.size[0]].view(np.uint8), other.size)
+        for hidden, camera, other in pairs
     ]
 
 
@@ -202,7 +202,7 @@ def mark_hidden_points(
     points on the picture's border, since the person goes on behind furniture. The hidden pixels of
     each view are (h, w) uint8."""
     square = np.ones((2 * near + 1,) * 2, np.uint8)
-    wide = [cv2.dilate(own, square) > 0 for own in hidden]
+    wide = [cv2.dilate(mask, square) > 0 for mask in hidden]
 
     def cut(outline: Outline | None, where: np.ndarray) -> Outline | None:
         if outline is None:
@@ -237,9 +237,9 @@ class Shrink:
             return pictures
         size = self.small.height, self.small.width
         out = np.zeros((len(self.rig), *size, *pictures.shape[3:]), pictures.dtype)
-        for of, shown, before, after in zip(pictures, out, self.rig, self.small, strict=True):
-            picture = of[: before.size[1], : before.size[0]]
-            shown[: after.size[1], : after.size[0]] = scale_picture(picture, self._factor)
+        for image, small, before, after in zip(pictures, out, self.rig, self.small, strict=True):
+            picture = image[: before.size[1], : before.size[0]]
+            small[: after.size[1], : after.size[0]] = scale_picture(picture, self._factor)
         return out
 
     def frame(self, frame: Frame) -> Frame:
@@ -292,7 +292,7 @@ def _gains(
         return [float("nan")] * len(silhouettes)
     rest = silhouettes.view(np.uint8) - np.uint8(1)  # 255 outside the silhouettes
     sums = [
-        [cv2.sumElems(cv2.bitwise_and(shown, there))[0] for shown in (picture, background)]
+        [cv2.sumElems(cv2.bitwise_and(image, there))[0] for image in (picture, background)]
         for picture, background, there in zip(grey, backgrounds, rest, strict=True)
     ]
-    return [shown / there if there else float("nan") for shown, there in sums]
+    return [image / there if there else float("nan") for image, there in sums]

@@ -72,8 +72,8 @@ class PairSums:
 
     def without(self, view: int) -> float:
         """Return the mean of all pairs but one camera's; NaN without any."""
-        kept = np.delete(np.arange(self.sums.shape[1]), view)
-        rest = np.ix_(np.arange(len(self.sums)), kept, kept)
+        others = np.delete(np.arange(self.sums.shape[1]), view)
+        rest = np.ix_(np.arange(len(self.sums)), others, others)
         return float(_divide(self.sums[rest].sum(), self.counts[rest].sum()))
 
     def measure_gain(self, after: PairSums, views: Sequence[int]) -> np.ndarray:
@@ -90,8 +90,8 @@ class PairSums:
         every, count = both.sum(1), both.shape[1]
         rest = every[:, None] - both if count > 1 else both
 
-        def gain(of: np.ndarray) -> np.ndarray:
-            return 1 - _divide(_divide(of[2], of[3]), _divide(of[0], of[1]))
+        def gain(totals: np.ndarray) -> np.ndarray:
+            return 1 - _divide(_divide(totals[2], totals[3]), _divide(totals[0], totals[1]))
 
         return np.asarray(count * gain(every) - (count - 1) * gain(rest))
 
@@ -197,7 +197,7 @@ class Tangency:
         for (a, b), table in self._compare_motions(most).items():
             sums[b] += table.sum(axis=1)
             sums[a] += table.sum(axis=1)[::-1]
-        return np.stack([mean_costs(own[:, None]) for own in sums])
+        return np.stack([mean_costs(view_sums[:, None]) for view_sums in sums])
 
     def _compare_motions(self, most: int) -> PairCosts:
         """Return the costs of the pairs of cameras at offsets of up to `most` frames."""

@@ -63,7 +63,7 @@ class Adjusted:
 
 def count_whole(outlines: Sequence[Sequence[Outline | None]]) -> list[int]:
     """Return in how many pictures each camera shows the whole person."""
-    return [sum(of is not None and not of.at_border.any() for of in own) for own in outlines]
+    return [sum(line is not None and not line.at_border.any() for line in row) for row in outlines]
 
 
 class PersonPoints:
@@ -76,25 +76,25 @@ class PersonPoints:
         self.config = config
         #: Steps of the cameras; lenses are kept unless only an angle of view is stated.
         self.spread = RigSpread(turn=0.1, shift=0.3, focal=0.3 * config.focal, time=5.0)
-        self.hulls = [HullRays(c, own) for c, own in zip(cameras, outlines, strict=True)]
-        self.contours = [SilhouetteContours(own) for own in outlines]
-        self.counts = [len(own) for own in outlines]
+        self.hulls = [HullRays(c, lines) for c, lines in zip(cameras, outlines, strict=True)]
+        self.contours = [SilhouetteContours(lines) for lines in outlines]
+        self.counts = [len(lines) for lines in outlines]
         self.shortest = min(self.counts)
         self.whole = count_whole(outlines)
 
     def select(self, views: Sequence[int]) -> PersonPoints:
         """Return those of some cameras."""
-        own = copy(self)
-        own.hulls = [self.hulls[view] for view in views]
-        own.contours = [self.contours[view] for view in views]
-        return own
+        chosen = copy(self)
+        chosen.hulls = [self.hulls[view] for view in views]
+        chosen.contours = [self.contours[view] for view in views]
+        return chosen
 
     def find_extremes(
         self, cameras: Sequence[Camera], shifts: np.ndarray, every: int = 1
     ) -> FrontierPoints:
         """Return the points in which the outermost planes touch both silhouettes, of every
         `every`-th frame."""
-        scene, found = intersect_axes_ahead(CameraRig(tuple(cameras))), []
+        scene, pair_points = intersect_axes_ahead(CameraRig(tuple(cameras))), []
         for pair in combinations(range(len(cameras)), 2):
             _, axes, distance = look_along_baseline(cameras[pair[0]], cameras[pair[1]], scene)
             if distance < NEAREST:
@@ -104,8 +104,8 @@ class PersonPoints:
                 x, y = (self.hulls[view].rays @ (cameras[view].R @ axes)).T
                 extremes = self.hulls[view].extreme_points(np.arctan2(y, x))
                 sides.append((*extremes, int(shifts[view])))
-            found.append(_match_extremes(pair, sides[0], sides[1], every))
-        return join_points(found)
+            pair_points.append(_match_extremes(pair, sides[0], sides[1], every))
+        return join_points(pair_points)
 
     def find_all(
         self, cameras: Sequence[Camera], shifts: np.ndarray, gate: float
@@ -113,15 +113,15 @@ class PersonPoints:
         """Return the outermost points and the tips of contours that agree to `gate` px."""
         outermost = self.find_extremes(cameras, shifts)
         residuals, _ = epipolar_residuals(cameras, outermost, np.zeros(len(cameras)))
-        kept = np.abs(residuals) < gate
+        fitting = np.abs(residuals) < gate
         moved = []
         for contours, shift in zip(self.contours, shifts, strict=True):
-            own = copy(contours)
-            own.frames = contours.frames - int(shift)
-            moved.append(own)
+            view_contours = copy(contours)
+            view_contours.frames = contours.frames - int(shift)
+            moved.append(view_contours)
         scene = intersect_axes_ahead(CameraRig(tuple(cameras)))
         tips = find_frontier_points(cameras, moved, scene, gate)
-        return join_points([outermost.select(kept), tips])
+        return join_points([outermost.select(fitting), tips])
 
 
 def _match_extremes(
@@ -136,13 +136,13 @@ def _match_extremes(
     end = min(len(first[0]) - first[2], len(second[0]) - second[2])
     if end - begin < 3:
         return join_points([])
-    angles = [of[0][begin + of[2] : end + of[2]] for of in (first, second)]
-    pixels = [of[1][begin + of[2] : end + of[2]][1:-1] for of in (first, second)]
-    rates = 0.25 * sum(of[2:] - of[:-2] for of in angles)
+    angles = [side[0][begin + side[2] : end + side[2]] for side in (first, second)]
+    pixels = [side[1][begin + side[2] : end + side[2]][1:-1] for side in (first, second)]
+    rates = 0.25 * sum(side[2:] - side[:-2] for side in angles)
     known = np.isfinite(rates) & np.isfinite(angles[0][1:-1]) & np.isfinite(angles[1][1:-1])
     known[(np.arange(len(known)) + begin) % every != 0] = False
     frames, sides = np.nonzero(known)
-    both = np.stack([of[frames, sides] for of in pixels], 1)
+    both = np.stack([side[frames, sides] for side in pixels], 1)
     views = np.tile(pair, (len(frames), 1))
     return FrontierPoints(views, frames + begin + 1, both, rates[frames, sides])
 
@@ -189,7 +189,7 @@ def adjust_rounds(
 
     further: further measurements.
     """
-    found = None
+    corrections = None
     for gate in gates:
         shifts = np.round(lags).astype(int)
 
@@ -204,14 +204,14 @@ def adjust_rounds(
         # Cameras without common points have no variances; they are refused later.
         with np.errstate(all="ignore"):
             try:
-                found = fit_rig(rig, [gate], search, spread, start, more, group)
-                if found is None:
+                corrections = fit_rig(rig, [gate], search, spread, start, more, group)
+                if corrections is None:
                     return None
-                rig, lags = found.apply(rig), shifts - found.offsets
+                rig, lags = corrections.apply(rig), shifts - corrections.offsets
             except InputError:  # cameras that cannot be: the steps diverge
                 return None
         lags = lags - lags[0]
-    return None if found is None else Adjusted(rig, lags, found)
+    return None if corrections is None else Adjusted(rig, lags, corrections)
 
 
 def measure_misfit(adjusted: Adjusted, points: PersonPoints, every: int = 1) -> float:
@@ -219,13 +219,13 @@ def measure_misfit(adjusted: Adjusted, points: PersonPoints, every: int = 1) -> 
     largest distance counts for points that the shorter recording would have and that lags leave
     out."""
     shifts = np.round(adjusted.lags).astype(int)
-    found = points.find_extremes(adjusted.rig.cameras, shifts, every)
+    outermost = points.find_extremes(adjusted.rig.cameras, shifts, every)
     n = len(adjusted.rig)
     wanted = 0.5 * n * (n - 1) * points.shortest / every
-    residuals, _ = epipolar_residuals(adjusted.rig.cameras, found, shifts - adjusted.lags)
+    residuals, _ = epipolar_residuals(adjusted.rig.cameras, outermost, shifts - adjusted.lags)
     total = np.minimum(np.abs(residuals), FARTHEST).sum()
-    total += 0.5 * FARTHEST * max(0.0, wanted - len(found))
-    return float(total / max(wanted, len(found), 1))
+    total += 0.5 * FARTHEST * max(0.0, wanted - len(outermost))
+    return float(total / max(wanted, len(outermost), 1))
 
 
 def measure_pairs(adjusted: Adjusted, points: PersonPoints) -> np.ndarray:
@@ -235,13 +235,13 @@ def measure_pairs(adjusted: Adjusted, points: PersonPoints) -> np.ndarray:
     whether they agree or not; NaN if they share too few.
     """
     cameras, shifts = adjusted.rig.cameras, np.round(adjusted.lags).astype(int)
-    found = points.find_extremes(cameras, shifts)
-    residuals, _ = epipolar_residuals(cameras, found, shifts - adjusted.lags)
+    outermost = points.find_extremes(cameras, shifts)
+    residuals, _ = epipolar_residuals(cameras, outermost, shifts - adjusted.lags)
     medians = np.full((len(cameras), len(cameras)), np.nan)
     for a, b in combinations(range(len(cameras)), 2):
-        own = np.abs(residuals[(found.views == (a, b)).all(axis=1)])
-        if len(own) >= FEWEST:
-            medians[a, b] = medians[b, a] = np.median(own)
+        pair_residuals = np.abs(residuals[(outermost.views == (a, b)).all(axis=1)])
+        if len(pair_residuals) >= FEWEST:
+            medians[a, b] = medians[b, a] = np.median(pair_residuals)
     return medians
 
 
@@ -251,8 +251,8 @@ def summarise_pairs(pairs: np.ndarray) -> np.ndarray:
 
     Infinity with fewer than two: one pair alone does not tell how far away a camera is.
     """
-    known = [of[np.isfinite(of)] for of in pairs]
-    return np.array([np.median(of) if len(of) >= 2 else np.inf for of in known])
+    known = [errors[np.isfinite(errors)] for errors in pairs]
+    return np.array([np.median(errors) if len(errors) >= 2 else np.inf for errors in known])
 
 
 def refine_until_converged(
@@ -265,18 +265,18 @@ def refine_until_converged(
     some degrees off. Matching again moves such a rig by a small share of its error: each pass goes
     on by a multiple of the last step (over-relaxation) and is kept if more points agree then.
     """
-    found = start
+    before = start
     for _ in range(_PASSES):
-        near = adjust_frontier(found, points, 4.0, None if prepare is None else prepare(found))
-        if near is None or near.last is None:
+        after = adjust_frontier(before, points, 4.0, None if prepare is None else prepare(before))
+        if after is None or after.last is None:
             break
-        turn = measure_turn(found.rig.cameras, near.rig.cameras)
-        if turn < _SETTLED * near.last.sigmas[:, :3].min():
-            return near
-        ahead = adjust_frontier(_go_on(found, near), points, 8.0) if far else None
-        better = ahead is not None and ahead.last is not None and ahead.last.count > near.last.count
-        found = ahead if better and ahead is not None else near
-    return found
+        turn = measure_turn(before.rig.cameras, after.rig.cameras)
+        if turn < _SETTLED * after.last.sigmas[:, :3].min():
+            return after
+        ahead = adjust_frontier(_go_on(before, after), points, 8.0) if far else None
+        farther = ahead is not None and ahead.last is not None
+        before = ahead if farther and ahead.last.count > after.last.count else after
+    return before
 
 
 def _go_on(first: Adjusted, second: Adjusted) -> Adjusted:

@@ -143,17 +143,17 @@ def _find_rig(take: PersonTake, rate: float, config: PersonConfig, track: Track)
     core = choose_core(take.outlines)
     ranked = _rank_starts(_search(take, core, track), take, core, track)
     first = [adjust_frontier(rig, take.points) for rig in ranked]
-    found = [rig for rig in first if rig is not None]
-    if not found:
+    candidates = [rig for rig in first if rig is not None]
+    if not candidates:
         return None
-    if measure_worst_misfit(found[0], take.points) > _SURE:
-        found = [
+    if measure_worst_misfit(candidates[0], take.points) > _SURE:
+        candidates = [
             refine_until_converged(rig, take.points, far=True)
-            for rig in track(found, len(found), "best rigs")
+            for rig in track(candidates, len(candidates), "best rigs")
         ]
-        found.sort(key=lambda rig: measure_worst_misfit(rig, take.points))
-    best = _refine_finely(found[0], take.points, take.edges, take.find_up)
-    for rival in [own for own in found[1:] if differ(own, best)][:1]:
+        candidates.sort(key=lambda rig: measure_worst_misfit(rig, take.points))
+    best = _refine_finely(candidates[0], take.points, take.edges, take.find_up)
+    for rival in [other for other in candidates[1:] if differ(other, best)][:1]:
         if fits_as_well(rival, best, take.points, rate):
             # Gait repeats itself: limbs and the room tell more.
             rival = _refine_finely(rival, take.points, take.edges, take.find_up)
@@ -171,7 +171,7 @@ def choose_core(outlines: Outlines) -> list[int]:
 def _search(take: PersonTake, core: Sequence[int], track: Track) -> ArrangementSearch:
     """Return the search among the costs of the cameras' pairs."""
     hulls, count = take.trace_hulls(), len(take.cameras)
-    walkers = [[Walker.create(v, h) for v in own] for own, h in zip(take.views, hulls, strict=True)]
+    walkers = [[Walker.create(v, h) for v in row] for row, h in zip(take.views, hulls, strict=True)]
     angles = _angles(range(N_ANGLES))
     pairs = [
         pair
@@ -184,8 +184,8 @@ def _search(take: PersonTake, core: Sequence[int], track: Track) -> ArrangementS
         costs = [[compare_pair(x, y, angles, take.most) for y in walkers[b]] for x in walkers[a]]
         return np.array(costs)
 
-    found = track(map_in_threads(compare, pairs), len(pairs), "pairs of cameras")
-    return ArrangementSearch(dict(zip(pairs, found, strict=True)), count)
+    costs_of_pairs = track(map_in_threads(compare, pairs), len(pairs), "pairs of cameras")
+    return ArrangementSearch(dict(zip(pairs, costs_of_pairs, strict=True)), count)
 
 
 def _angles(steps: Sequence[int]) -> np.ndarray:
@@ -208,7 +208,7 @@ def _rank_starts(
     ) -> list[tuple[Adjusted, Arrangement]]:
         found = []
         for own in track(arrangements, len(arrangements), name):
-            chosen = [of[k] for of, k in zip(take.views, own.variants, strict=True)]
+            chosen = [rig_start[k] for rig_start, k in zip(take.views, own.variants, strict=True)]
             stature, lags = take.points.config.stature, np.array(own.lags, float)
             rig = place_cameras(take.cameras, chosen, _angles(own.angles), own.lags, stature)
             placed = CameraRig(tuple(rig[view] for view in views))
@@ -223,10 +223,10 @@ def _rank_starts(
     if found:
         tried = [*(own for _, own in found), *search.move_one(found[0][1], _FINALISTS)]
         found = adjust(tried, everyone, whole, "places of one camera")
-    finished = [adjust_extremes(of.rig, of.lags, whole, SECOND, step) for of, _ in found]
-    ranked = [of for of in finished if of is not None]
+    finished = [adjust_extremes(pair.rig, pair.lags, whole, SECOND, step) for pair, _ in found]
+    ranked = [pair for pair in finished if pair is not None]
     ranked.sort(key=lambda rig: measure_misfit(rig, whole, step))
-    return ranked[:1] + [of for of in ranked if differ(of, ranked[0])][:1]
+    return ranked[:1] + [rig_start for rig_start in ranked if differ(rig_start, ranked[0])][:1]
 
 
 def _make_calibration(
@@ -280,12 +280,12 @@ def _find_waists(contours: SilhouetteContours) -> np.ndarray:
     return 0.5 * (low + high)
 
 
-def _group(found: FrontierPoints, waists: Sequence[np.ndarray], shifts: np.ndarray) -> np.ndarray:
+def _group(points: FrontierPoints, waists: Sequence[np.ndarray], shifts: np.ndarray) -> np.ndarray:
     """Return numbers (M,) of frontier points of shifted frames: apart by pair of cameras, and the
     person's upper and lower half, for shadows of the floor spoil the feet."""
-    first, second = found.views.T
-    low = np.zeros(len(found), int)
+    first, second = points.views.T
+    low = np.zeros(len(points), int)
     for view, rows in enumerate(waists):
         mine = first == view
-        low[mine] = found.pixels[mine, 0, 1] > rows[found.frames[mine] + int(shifts[view])]
+        low[mine] = points.pixels[mine, 0, 1] > rows[points.frames[mine] + int(shifts[view])]
     return 2 * (first * len(waists) + second) + low

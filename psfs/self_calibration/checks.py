@@ -38,29 +38,29 @@ def fits_as_well(rival: Adjusted, best: Adjusted, points: PersonPoints, rate: fl
     Misfits below the contours' noise are alike. rate: frames per second.
     """
     median = scipy.special.ndtri(0.75)  # of the size of normal noise
-    own, other = (summarise_pairs(measure_pairs(of, points)) / median for of in (best, rival))
+    misfits, others = (summarise_pairs(measure_pairs(a, points)) / median for a in (best, rival))
     count = 2 * (len(best.rig) - 1) * points.shortest / (rate * _INDEPENDENT)
     limit = np.sqrt(scipy.special.fdtri(count, count, 1 - FALSE_ALARMS))
-    return not (other > limit * np.maximum(own, NOISE)).any()
+    return not (others > limit * np.maximum(misfits, NOISE)).any()
 
 
 def check_unambiguous(best: Adjusted, rival: Adjusted, points: PersonPoints, rate: float) -> None:
     """Raise InputError if another arrangement fits as well as the best, see `fits_as_well`."""
     if not differ(rival, best) or not fits_as_well(rival, best, points, rate):
         return
-    own, other = (summarise_pairs(measure_pairs(of, points)) for of in (best, rival))
+    misfits, others = (summarise_pairs(measure_pairs(a, points)) for a in (best, rival))
     late = float(np.abs(rival.lags - best.lags).max())
     turn = np.degrees(measure_turn(best.rig.cameras, rival.rig.cameras))
     raise InputError(
-        f"two arrangements of the cameras fit alike, to {own.max():.2f} and {other.max():.2f} px: "
-        f"times differ by up to {late:.0f} frames, directions by {turn:.0f} degrees, as of "
+        f"two arrangements of the cameras fit alike, to {misfits.max():.2f} and {others.max():.2f} "
+        f"px: times differ by up to {late:.0f} frames, directions by {turn:.0f} degrees, as of "
         "somebody who walks on a circle; film one person who walks straight lines to and fro, "
         "turns and stops"
     )
 
 
 def list_lags(cameras: Iterable[Camera], lags: np.ndarray) -> str:
-    return ", ".join(f"{of.name} {lag:+.2f}" for of, lag in zip(cameras, lags, strict=True))
+    return ", ".join(f"{camera.name} {lag:+.2f}" for camera, lag in zip(cameras, lags, strict=True))
 
 
 def measure_worst_misfit(adjusted: Adjusted, points: PersonPoints) -> float:
@@ -100,7 +100,7 @@ def check_fit(best: Adjusted | None, points: PersonPoints) -> tuple[Adjusted, np
 
 
 def measure_uncertainty(
-    found: Adjusted, points: PersonPoints, rate: float
+    adjusted: Adjusted, points: PersonPoints, rate: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the standard deviations of the cameras' directions (V,), rad, and of their positions
     (V,), as shares of the distance from the person.
@@ -111,9 +111,9 @@ def measure_uncertainty(
     2011). The room's edges and limbs, which are not counted, tell more: errors are
     0.4 to 0.7 of it. rate: frames per second.
     """
-    cameras, shifts = found.rig.cameras, np.round(found.lags).astype(int)
+    cameras, shifts = adjusted.rig.cameras, np.round(adjusted.lags).astype(int)
     touched = points.find_all(cameras, shifts, FARTHEST)  # with what is wrong alike
-    residuals, slopes = epipolar_residuals(cameras, touched, shifts - found.lags)
+    residuals, slopes = epipolar_residuals(cameras, touched, shifts - adjusted.lags)
     size, rows = len(cameras) * N_PARAMETERS, np.arange(len(touched))
     by_camera = np.zeros((len(touched), len(cameras), N_PARAMETERS))
     for side in range(2):
@@ -121,7 +121,7 @@ def measure_uncertainty(
     jacobian = by_camera.reshape(-1, size)
     noise = estimate_noise(residuals, least=NOISE)
     weights = robust_weights(residuals, noise) / noise**2
-    allowed, held = points.spread, measure_scene_motion(found.rig) / 1e-3
+    allowed, held = points.spread, measure_scene_motion(adjusted.rig) / 1e-3
     spread = np.tile([*3 * [allowed.turn], *3 * [allowed.shift], 1e-4, allowed.time], len(cameras))
     normal = (jacobian.T * weights) @ jacobian + np.diag(spread**-2.0) + held.T @ held
     inverse = np.linalg.inv(normal)
@@ -134,18 +134,18 @@ def measure_uncertainty(
         np.add.at(sums, clusters, pulls)
         spreads += sums.T @ sums
     variances = np.diag(inverse @ spreads @ inverse + inverse).reshape(-1, N_PARAMETERS)
-    distances = np.linalg.norm(found.rig.centres - intersect_axes_ahead(found.rig), axis=1)
+    distances = np.linalg.norm(adjusted.rig.centres - intersect_axes_ahead(adjusted.rig), axis=1)
     turns = np.sqrt(variances[:, :3].sum(axis=1))
     return turns, np.sqrt(variances[:, 3:6].sum(axis=1)) / distances
 
 
 def check_uncertainty(
-    found: Adjusted, turns: np.ndarray, shifts: np.ndarray, points: PersonPoints
+    adjusted: Adjusted, turns: np.ndarray, shifts: np.ndarray, points: PersonPoints
 ) -> None:
     """Raise InputError if the silhouettes do not tell well enough where the cameras stand and look,
     as of somebody who stays in place. The times, which silhouettes tell better, are in the
     message. turns, shifts: see `measure_uncertainty`."""
-    config, names = points.config, found.rig.names
+    config, names = points.config, adjusted.rig.names
     for what, spreads, limit, unit, factor in (
         ("direction", turns, config.worst_direction, "degrees", np.degrees(1)),
         ("position", shifts, config.worst_position, "% of the distance from the person", 100.0),
@@ -156,5 +156,5 @@ def check_uncertainty(
                 f"{names[worst]}'s {what} is uncertain "
                 f"({factor * spreads[worst]:.2f} {unit}, limit {factor * limit:.2f}), as of "
                 "somebody who stays in place or is hidden: walk about more; the times are found, "
-                f"frames late: {list_lags(found.rig, found.lags)}; {advise(names, points)}"
+                f"frames late: {list_lags(adjusted.rig, adjusted.lags)}; {advise(names, points)}"
             )

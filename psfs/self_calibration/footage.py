@@ -96,12 +96,12 @@ def outline_person(mask: np.ndarray) -> Outline | None:
     if whole is None:
         return None
     # Only the pixels that silhouettes reach when they are dilated.
-    near = _disc(_NEAR * longest)
-    margin = near.shape[0]
+    disc = _disc(_NEAR * longest)
+    margin = disc.shape[0]
     x, y, width, height = cv2.boundingRect(closed)
     left, top = max(0, x - margin), max(0, y - margin)
     box = closed[top : y + height + margin, left : x + width + margin]
-    groups = cv2.connectedComponents(cv2.dilate(box, near))[1]
+    groups = cv2.connectedComponents(cv2.dilate(box, disc))[1]
     _, labels, facts, _ = cv2.connectedComponentsWithStats(box, connectivity=8)
     large = facts[:, cv2.CC_STAT_AREA] >= _PART * whole.area
     large[0] = False

@@ -39,8 +39,8 @@ _INFORMATION = 8.0
 
 def find_edges(picture: np.ndarray) -> np.ndarray:
     """Return the ends (N, 2, 2) px of the straight edges in a picture (h, w, 3) uint8."""
-    found = cv2.createLineSegmentDetector().detect(cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY))[0]
-    ends = np.zeros((0, 2, 2)) if found is None else found.reshape(-1, 2, 2).astype(float)
+    segments = cv2.createLineSegmentDetector().detect(cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY))[0]
+    ends = np.zeros((0, 2, 2)) if segments is None else segments.reshape(-1, 2, 2).astype(float)
     lengths = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
     return ends[lengths > _SHORTEST * max(picture.shape[:2])]
 
@@ -62,8 +62,8 @@ def fit_vertical(rig: CameraRig, edges: Sequence[np.ndarray], up: np.ndarray) ->
     others = scores[tried @ best < np.cos(_APART)]
     if scores.max() < _CLEAR * others.max(initial=0):
         return None
-    (found,) = RoomEdges(edges, best[None]).fit_directions(rig.cameras)
-    return found * np.sign(found @ best)
+    (fitted,) = RoomEdges(edges, best[None]).fit_directions(rig.cameras)
+    return fitted * np.sign(fitted @ best)
 
 
 def find_room_edges(
@@ -106,10 +106,10 @@ class _Lines:
     def create(cls, cameras: Sequence[Camera], edges: Sequence[np.ndarray]) -> _Lines:
         """Return the edges [view] (N, 2, 2) px without the lens's distortion."""
         ends = [
-            camera.normalise(own.reshape(-1, 2)).reshape(-1, 2, 2)
-            for camera, own in zip(cameras, edges, strict=True)
+            camera.normalise(view_edges.reshape(-1, 2)).reshape(-1, 2, 2)
+            for camera, view_edges in zip(cameras, edges, strict=True)
         ]
-        views = np.repeat(np.arange(len(ends)), [len(own) for own in ends])
+        views = np.repeat(np.arange(len(ends)), [len(view_edges) for view_edges in ends])
         both = np.concatenate(ends)
         sound = np.isfinite(both).all(axis=(1, 2))  # else beyond what the lens shows
         views, both = views[sound], both[sound]
@@ -169,7 +169,7 @@ class RoomEdges:
         residuals, local, scales = lines.measure(cameras, self._move(parameters))
         nearest = np.abs(residuals).argmin(axis=1)
         rows = np.arange(len(residuals))
-        values, local, scales = (of[rows, nearest] for of in (residuals, local, scales))
+        values, local, scales = (v[rows, nearest] for v in (residuals, local, scales))
         by_camera = np.zeros((len(rows), 1, N_PARAMETERS))
         by_camera[:, 0, :3] = scales[:, None] * np.cross(local, lines.normals)
         by_camera[:, 0, 6] = -scales * lines.normals[:, 2] * local[:, 2]

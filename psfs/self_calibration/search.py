@@ -100,8 +100,8 @@ def differing_shares(a: np.ndarray, b: np.ndarray, lags: np.ndarray, noise: floa
     count = known.sum(-1, keepdims=True)
     still = []
     for signal in (one, other, apart):
-        own = np.where(known, signal, np.nan)
-        still.append(np.where(known, np.abs(own - _medians(own, count)), 0.0))
+        values = np.where(known, signal, np.nan)
+        still.append(np.where(known, np.abs(values - _medians(values, count)), 0.0))
     moving = np.maximum(still[0], still[1]).sum((-3, -1))
     total = count.sum((-3, -1))
     share = (still[2].sum((-3, -1)) + noise * total) / np.maximum(moving + noise * total, 1e-12)
@@ -138,12 +138,12 @@ def _planes(
     axes = np.stack([ahead, np.cross(lines, ahead)], -1)
     turned = axes.copy()
     turned[:, :2] = turns[rows].swapaxes(1, 2) @ axes[:, :2]
-    found = []
-    for walker, own in ((first, axes), (second, turned)):
-        forward, across = (own[..., side] @ walker.rays.T for side in range(2))
+    positions = []
+    for walker, directions in ((first, axes), (second, turned)):
+        forward, across = (directions[..., side] @ walker.rays.T for side in range(2))
         extremes = walker.hulls.find_extreme_angles(forward, across)
-        found.append(distances[..., None] * extremes)
-    return rows, (found[0], found[1])
+        positions.append(distances[..., None] * extremes)
+    return rows, (positions[0], positions[1])
 
 
 @dataclass(frozen=True)
@@ -200,13 +200,13 @@ class ArrangementSearch:
         """Return the arrangements in which one camera, each in turn, is at up to `count` of the
         other places where it fits the rest best."""
         places = dict(enumerate(zip(*vars(arrangement).values(), strict=True)))
-        found = []
+        arrangements = []
         for view, own in places.items():
             others = {other: place for other, place in places.items() if other != view}
             tried = [(0.0, own), *self._best_places(view, others)]
-            kept = self._keep_different([(cost, {**others, view: of}) for cost, of in tried])
-            found += [self._describe(moved) for _, moved in kept[1 : 1 + count]]
-        return found
+            different = self._keep_different([(cost, {**others, view: of}) for cost, of in tried])
+            arrangements += [self._describe(moved) for _, moved in different[1 : 1 + count]]
+        return arrangements
 
     def _choose_next(self, beam: list[tuple[float, dict[int, Place]]]) -> int:
         """Return the camera whose place is clearest."""
@@ -241,29 +241,29 @@ class ArrangementSearch:
         low = scipy.ndimage.minimum_filter(wide, (5, 5), mode="nearest")[2:-2]
         angles, lags = np.nonzero(best <= low)
         order = np.argsort(best[angles, lags])[:_BEST_PLACES]
-        found = []
+        candidates = []
         for angle, lag in zip(angles[order].tolist(), lags[order].tolist(), strict=True):
             variant = int(costs[:, angle, lag].argmin())
-            found.append((float(best[angle, lag]), (variant, angle, lag - self.most)))
-        return found
+            candidates.append((float(best[angle, lag]), (variant, angle, lag - self.most)))
+        return candidates
 
     def _keep_different(
         self, grown: list[tuple[float, dict[int, Place]]]
     ) -> list[tuple[float, dict[int, Place]]]:
-        kept: list[tuple[float, dict[int, Place]]] = []
+        different: list[tuple[float, dict[int, Place]]] = []
         taken: list[np.ndarray] = []
         for cost, places in grown:
-            own = np.array([places[view][1:] for view in sorted(places)])
+            steps = np.array([places[view][1:] for view in sorted(places)])
             if taken:
-                apart = np.abs(np.array(taken) - own)
+                apart = np.abs(np.array(taken) - steps)
                 apart[..., 0] = np.minimum(apart[..., 0], self.n_angles - apart[..., 0])
                 if (apart <= _SAME).all((1, 2)).any():
                     continue
-            kept.append((cost, places))
-            taken.append(own)
-            if len(kept) == _KEPT:
+            different.append((cost, places))
+            taken.append(steps)
+            if len(different) == _KEPT:
                 break
-        return kept
+        return different
 
     def _describe(self, places: Mapping[int, Place]) -> Arrangement:
         """Return the arrangement of all cameras."""

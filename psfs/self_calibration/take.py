@@ -64,23 +64,23 @@ class PersonTake:
     def find_up(self, rig: CameraRig) -> np.ndarray:
         """Return the mean of what the cameras of a rig tell of up (3,)."""
         pairs = zip(rig, self.views, strict=True)
-        return np.mean([camera.R.T @ own[0].axes[2] for camera, own in pairs], axis=0)
+        return np.mean([camera.R.T @ variants[0].axes[2] for camera, variants in pairs], axis=0)
 
     def trace_hulls(self) -> list[HullRays]:
         """Return the cameras' hulls in every `step`-th frame."""
         pairs = zip(self.cameras, self.outlines, strict=True)
-        return [HullRays(camera, own[:: self.step]) for camera, own in pairs]
+        return [HullRays(camera, view_outlines[:: self.step]) for camera, view_outlines in pairs]
 
 
 def check_seen(cameras: Sequence[Camera], outlines: Outlines) -> None:
     """Raise InputError if the person is seldom seen wholly, or hardly moves."""
     motions = []
-    for camera, own in zip(cameras, outlines, strict=True):
-        whole = [of.points for of in own if of is not None and not of.at_border.any()]
+    for camera, view_outlines in zip(cameras, outlines, strict=True):
+        whole = [of.points for of in view_outlines if of is not None and not of.at_border.any()]
         if len(whole) < FEWEST:
             raise InputError(
-                f"{camera.name}: the whole person is in {len(whole)} of {len(own)} pictures; "
-                f"expected {FEWEST} or more; {FILM}"
+                f"{camera.name}: the whole person is in {len(whole)} of {len(view_outlines)} "
+                f"pictures; expected {FEWEST} or more; {FILM}"
             )
         edges = np.array([[*of.min(axis=0), *of.max(axis=0)] for of in whole])
         motions.append(edges.std(axis=0).max() / np.median(edges[:, 3] - edges[:, 1]))

@@ -68,7 +68,7 @@ def fit_upright(camera: Camera, outlines: Sequence[Outline | None]) -> list[Upri
         seen = _measure(hulls, ends, floor_axes(values[0], values[1]))
         if np.isfinite(seen).all(axis=1).sum() < FEWEST:
             return None
-        found = scipy.optimize.minimize(
+        optimum = scipy.optimize.minimize(
             lambda x: _cost(hulls, ends, x),
             values,
             method="Nelder-Mead",
@@ -79,7 +79,7 @@ def fit_upright(camera: Camera, outlines: Sequence[Outline | None]) -> list[Upri
                 "maxfev": 120,
             },
         )
-        values = found.x
+        values = optimum.x
     turns = (0.0, -_TURN, _TURN)
     return [_make_view(hulls, ends, values[0] + turn, values[1]) for turn in turns]
 
@@ -90,8 +90,8 @@ def _cost(hulls: HullRays, ends: _Ends, x: np.ndarray) -> float:
     b = np.tan(-bottom)
     predicted = np.arctan(b * (1 - x[2]) / max(x[2], 0.05))
     elevation = np.where(b > 0, top - predicted, np.nan)
-    own = np.concatenate([elevation / _ELEVATION, (head - feet) / _AZIMUTH])
-    robust = 2 * INDEPENDENT_SHARE * (np.sqrt(1 + own[np.isfinite(own)] ** 2) - 1).sum()
+    residuals = np.concatenate([elevation / _ELEVATION, (head - feet) / _AZIMUTH])
+    robust = 2 * INDEPENDENT_SHARE * (np.sqrt(1 + residuals[np.isfinite(residuals)] ** 2) - 1).sum()
     prior = [
         (x[0] - _TILT[0]) / _TILT[1],
         x[1] / _ROLL,
@@ -118,16 +118,16 @@ class _Ends:
     """
 
     def __init__(self, camera: Camera, outlines: Sequence[Outline | None]) -> None:
-        found = [
+        pairs = [
             (n, np.concatenate([outline.points, outline.contour[::4]]))
             for n, outline in enumerate(outlines)
             if outline is not None
         ]
-        pixels = np.concatenate([of for _, of in found] or [np.zeros((0, 2))])
+        pixels = np.concatenate([points for _, points in pairs] or [np.zeros((0, 2))])
         self.rays = camera.rays(pixels) @ camera.R.T if len(pixels) else np.zeros((0, 3))
-        self.frames = np.repeat([n for n, _ in found], [len(of) for _, of in found]).astype(int)
-        self.starts = np.cumsum([0, *(len(of) for _, of in found)])[:-1]
-        self.seen = np.array([n for n, _ in found], int)
+        self.frames = np.repeat([n for n, _ in pairs], [len(p) for _, p in pairs]).astype(int)
+        self.starts = np.cumsum([0, *(len(points) for _, points in pairs)])[:-1]
+        self.seen = np.array([n for n, _ in pairs], int)
 
     def middle(self, azimuth: np.ndarray, inside: np.ndarray, n: int) -> np.ndarray:
         """Return the middle (n,) of the azimuths (N,) of the points `inside` in every frame."""
@@ -143,10 +143,10 @@ def _measure(hulls: HullRays, ends: _Ends, axes: np.ndarray) -> np.ndarray:
     local = hulls.rays @ axes.T
     elevation = np.arctan2(local[:, 2], np.hypot(local[:, 0], local[:, 1]))
     bottom, top = hulls.extremes(elevation).T
-    own = ends.rays @ axes.T
-    rise = np.arctan2(own[:, 2], np.hypot(own[:, 0], own[:, 1]))
+    local_ends = ends.rays @ axes.T
+    rise = np.arctan2(local_ends[:, 2], np.hypot(local_ends[:, 0], local_ends[:, 1]))
     share = (rise - bottom[ends.frames]) / (top - bottom)[ends.frames]
-    azimuth = np.arctan2(own[:, 0], own[:, 1])
+    azimuth = np.arctan2(local_ends[:, 0], local_ends[:, 1])
     with np.errstate(invalid="ignore"):
         head = ends.middle(azimuth, share > 1 - _HEAD, hulls.n_frames)
         feet = ends.middle(azimuth, share < _FEET, hulls.n_frames)

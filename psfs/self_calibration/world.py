@@ -123,8 +123,8 @@ def measure_places(rig: CameraRig, points: FrontierPoints) -> tuple[np.ndarray, 
     """Return the frames (F,) in which points are seen and the person's places (F, 2) on the floor
     in these, m."""
     places, frames = triangulate_points(rig, points)[:, :2], np.unique(points.frames)
-    found = [np.median(places[points.frames == frame], axis=0) for frame in frames]
-    return frames, np.array(found).reshape(-1, 2)
+    middles = [np.median(places[points.frames == frame], axis=0) for frame in frames]
+    return frames, np.array(middles).reshape(-1, 2)
 
 
 def measure_path(rig: CameraRig, points: FrontierPoints) -> float:
@@ -147,11 +147,11 @@ def _frame_extremes(places: np.ndarray, frames: np.ndarray) -> tuple[np.ndarray,
     more; the outermost ones are more often wrong."""
     low, top = [], []
     for frame in np.unique(frames):
-        own = places[frames == frame]
-        if len(own) >= 4:
-            order = np.argsort(own[:, 2])
-            low.append(own[order[1]])
-            top.append(own[order[-2]])
+        frame_places = places[frames == frame]
+        if len(frame_places) >= 4:
+            order = np.argsort(frame_places[:, 2])
+            low.append(frame_places[order[1]])
+            top.append(frame_places[order[-2]])
     return np.array(low).reshape(-1, 3), np.array(top).reshape(-1, 3)
 
 
@@ -198,12 +198,12 @@ def _carve(
     more, in the cameras' frames (V,)."""
     points = grid.reshape(-1, 3)
     outside, seen = np.zeros(len(points), bool), np.zeros(len(points), int)
-    for camera, own, frame in zip(rig, contours, frames, strict=True):
-        mask = _fill(camera, own, frame)
+    for camera, view_contours, frame in zip(rig, contours, frames, strict=True):
+        mask = _fill(camera, view_contours, frame)
         if mask is not None:
-            shown, rows, columns, _ = camera.look_up(points)
-            outside[shown] |= mask[rows, columns] == 0
-            seen += shown
+            visible, rows, columns, _ = camera.look_up(points)
+            outside[visible] |= mask[rows, columns] == 0
+            seen += visible
     return (~outside & (seen >= 3)).reshape(grid.shape[:-1])
 
 

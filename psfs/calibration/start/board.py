@@ -58,13 +58,13 @@ def place_cameras_by_board(
     relative = {pair: _estimate_relative_pose(pair, cameras, target, seen, poses) for pair in pairs}
     places = chain_poses(pairs, relative)
     rig = tuple(place_camera(camera, places[view]) for view, camera in enumerate(cameras))
-    found: dict[int, np.ndarray] = {}
+    board_poses: dict[int, np.ndarray] = {}
     ordered: list[Sighting] = []
     for frame, here in group_by_frame(sightings).items():
         proposed = [np.linalg.inv(places[s.view]) @ poses[frame, s.view] for s in here]
-        found[frame], fitting = choose_best_pose(rig, target, here, proposed)
+        board_poses[frame], fitting = choose_best_pose(rig, target, here, proposed)
         ordered += fitting
-    return CalibrationScene(rig, found), ordered
+    return CalibrationScene(rig, board_poses), ordered
 
 
 def choose_best_pose(

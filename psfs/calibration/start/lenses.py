@@ -76,5 +76,5 @@ def _calibrate(
     points = [target.points[s.ids].astype(np.float32) for s in sightings]
     pixels = [s.pixels.astype(np.float32)[:, None] for s in sightings]
     nothing: Any = None
-    found = cv2.calibrateCameraExtended(points, pixels, size, nothing, nothing, flags=flags)
-    return found[1], found[2].ravel(), found[-1].ravel()
+    result = cv2.calibrateCameraExtended(points, pixels, size, nothing, nothing, flags=flags)
+    return result[1], result[2].ravel(), result[-1].ravel()

@@ -33,8 +33,8 @@ def read_measured_wand(
     second of the pictures. begins: time of the file's start after the first picture, s. Raises
     InputError if the file is not C3D or lacks these markers.
     """
-    found = read_c3d_points(path)
-    names, rate = found.names, found.rate
+    recording = read_c3d_points(path)
+    names, rate = recording.names, recording.rate
     chosen = list(markers if markers is not None else names)
     missing = [name for name in chosen if name not in names]
     if missing or not 2 <= len(chosen) <= 3:
@@ -44,7 +44,7 @@ def read_measured_wand(
             "or three markers"
         )
     rows = [names.index(name) for name in chosen]
-    places = found.positions[:, rows]
+    places = recording.positions[:, rows]
     known = {}
     for frame in frames:
         at = (frame / fps - begins) * rate
@@ -77,13 +77,13 @@ def place_cameras_by_markers(
     """
     assert target.known is not None
     rig = []
-    for camera, own in zip(cameras, group_by_view(sightings, len(cameras)), strict=True):
-        if len(own) < _FEWEST:
+    for camera, group in zip(cameras, group_by_view(sightings, len(cameras)), strict=True):
+        if len(group) < _FEWEST:
             raise InputError(
-                f"too few views: {camera.name} sees the measured markers in {len(own)} frames; "
+                f"too few views: {camera.name} sees the measured markers in {len(group)} frames; "
                 f"expected {_FEWEST} or more"
             )
-        rig.append(_place_by_markers(camera, target, own, lenses_known))
+        rig.append(_place_by_markers(camera, target, group, lenses_known))
     poses = {frame: np.eye(4) for frame in target.known}
     ordered = []
     for sighting in sightings:
@@ -108,12 +108,12 @@ def _place_by_markers(
     for share in (None,) if lens_known else FOCALS:
         tried = camera if share is None else with_focal_length(camera, share)
         cv2.setRNGSeed(0)
-        found, turn, shift, inliers = cv2.solvePnPRansac(
+        solved, turn, shift, inliers = cv2.solvePnPRansac(
             points, pixels, tried.K, tried.distortion, iterationsCount=500, confidence=0.9999,
             reprojectionError=_INLIER_PX if lens_known else _GUESSED_LENS_INLIER_PX,
             flags=cv2.SOLVEPNP_SQPNP,
         )  # fmt: skip
-        if found and inliers is not None and (best is None or len(inliers) > best[0]):
+        if solved and inliers is not None and (best is None or len(inliers) > best[0]):
             best = len(inliers), place_camera(tried, rigid_transform(turn, shift))
     if best is None or best[0] < len(sightings):
         raise InputError(

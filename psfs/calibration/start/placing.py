@@ -22,8 +22,8 @@ def count_shared_frames(sightings: Sequence[Sighting], views: int) -> np.ndarray
     """Count the frames in which two cameras see the target together (V, V); diagonal: one camera
     alone."""
     counts = np.zeros((views, views), int)
-    for found in group_by_frame(sightings).values():
-        here = [sighting.view for sighting in found]
+    for frame_sightings in group_by_frame(sightings).values():
+        here = [sighting.view for sighting in frame_sightings]
         counts[np.ix_(here, here)] += 1
     return counts
 
@@ -38,7 +38,7 @@ def check_linked(counts: np.ndarray, fewest: int, names: Sequence[str], what: st
         return
     members = [[names[int(v)] for v in np.flatnonzero(group == g)] for g in range(groups)]
     members.sort(key=len, reverse=True)
-    parts = " | ".join(" ".join(of) for of in members)
+    parts = " | ".join(" ".join(group_names) for group_names in members)
     between = max(
         int(shared[np.ix_(group == a, group == b)].max()) for a, b in combinations(range(groups), 2)
     )

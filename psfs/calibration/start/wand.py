@@ -41,13 +41,13 @@ def place_cameras_by_wand(
     """
     relative = {}
     for a, b in pairs:
-        found = _estimate_relative_pose(cameras, target, sightings, (a, b))
-        if found is None:
+        pose = _estimate_relative_pose(cameras, target, sightings, (a, b))
+        if pose is None:
             raise InputError(
                 f"the markers that {names[a]} and {names[b]} see do not belong together; expected "
                 f"a {target.name}, the only bright spots that move, and cameras that run together"
             )
-        relative[a, b] = found[0]
+        relative[a, b] = pose[0]
     places = chain_poses(pairs, relative)
     rig = tuple(place_camera(camera, places[view]) for view, camera in enumerate(cameras))
     poses: dict[int, np.ndarray] = {}
@@ -77,8 +77,8 @@ def estimate_focal_lengths(
 
     def cost(share: float) -> float:
         rig = with_focal(share)
-        found = [_estimate_relative_pose(rig, target, sightings, pair) for pair in pairs[:_JUDGES]]
-        return float(np.mean([1.0 if of is None else of[1] for of in found]))
+        poses = [_estimate_relative_pose(rig, target, sightings, pair) for pair in pairs[:_JUDGES]]
+        return float(np.mean([1.0 if pose is None else pose[1] for pose in poses]))
 
     return with_focal(min(FOCALS, key=cost))
 
@@ -141,7 +141,7 @@ def _propose_poses(
 
     One for every pair of its sightings and every order of the second one's points.
     """
-    found = []
+    proposals = []
     pairs = list(combinations(sightings, 2))[:_PROPOSERS]
     for (one, two), order in product(pairs, target.orders):
         rays = [rig[one.view].rays(one.pixels), rig[two.view].rays(two.pixels[order])]
@@ -152,8 +152,8 @@ def _propose_poses(
         if not 0 < length < np.inf:
             continue
         for end in (points, points[::-1]) if len(target.orders) == 1 else (points,):
-            found.append(_pose_along(target, end))
-    return found or [np.eye(4)]
+            proposals.append(_pose_along(target, end))
+    return proposals or [np.eye(4)]
 
 
 def _pose_along(target: Target, points: np.ndarray) -> np.ndarray:

@@ -42,8 +42,8 @@ class ChessboardFinder:
         grey = to_grey(picture)
         flags = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE
         flags |= cv2.CALIB_CB_FAST_CHECK
-        found, corners = cv2.findChessboardCorners(grey, self.corners, flags=flags)
-        if not found:
+        is_seen, corners = cv2.findChessboardCorners(grey, self.corners, flags=flags)
+        if not is_seen:
             return None
         exact = self._refine_corners(grey, corners.reshape(*self.corners[::-1], 2))
         if exact is None:
@@ -60,10 +60,10 @@ class ChessboardFinder:
         margin = 2 * max(step.max() for step in steps)
         low = np.maximum(corners.min(axis=(0, 1)) - margin, 0).astype(int)
         high = (corners.max(axis=(0, 1)) + margin).astype(int) + 1
-        part = grey[low[1] : high[1], low[0] : high[0]]
+        region = grey[low[1] : high[1], low[0] : high[0]]
         flags = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_ACCURACY
-        found, exact = cv2.findChessboardCornersSB(part, self.corners, flags=flags)
-        if not found:
+        is_seen, exact = cv2.findChessboardCornersSB(region, self.corners, flags=flags)
+        if not is_seen:
             return None
         pixels = np.float64(exact.reshape(-1, 2)) + low
         H, _ = cv2.findHomography(self.target.points[:, :2], pixels)
@@ -101,8 +101,8 @@ class ChessboardFinder:
     def describe_other_board(self, picture: np.ndarray) -> str | None:
         """Return which other chessboard the picture shows, None for none."""
         flags = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_LARGER
-        found, _, meta = cv2.findChessboardCornersSBWithMeta(to_grey(picture), (3, 3), flags)
-        if not found or meta is None:
+        is_seen, _, meta = cv2.findChessboardCornersSBWithMeta(to_grey(picture), (3, 3), flags)
+        if not is_seen or meta is None:
             return None
         columns, rows = sorted((meta.shape[1] + 1, meta.shape[0] + 1), reverse=True)
         if (columns, rows) == tuple(sorted((c + 1 for c in self.corners), reverse=True)):
@@ -212,9 +212,9 @@ def _make_charuco(
 
 def choose_dictionary(name: str, markers: int) -> Any:
     """Return the smallest set of a family with so many markers, or its largest."""
-    found: object = None
+    dictionary: object = None
     for known in DICTIONARIES[name]:
-        found = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, known))
-        if len(found.bytesList) >= markers:
+        dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, known))
+        if len(dictionary.bytesList) >= markers:
             break
-    return found
+    return dictionary

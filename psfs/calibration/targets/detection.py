@@ -67,10 +67,10 @@ def find_sightings(
         for index in chosen:
             pictures, here = crop_pictures(read(index), rig), []
             for number, finder in enumerate(finders, len(finders) * index):
-                found = pool.map(finder, range(len(rig)), pictures)
+                detections = pool.map(finder, range(len(rig)), pictures)
                 here += [
                     Sighting(number, view, *seen)
-                    for view, seen in enumerate(found)
+                    for view, seen in enumerate(detections)
                     if seen is not None
                 ]
             yield here

@@ -71,7 +71,7 @@ def find_bright_spots(difference: np.ndarray) -> np.ndarray:
         return np.zeros((0, 2))
     mask = (difference > max(_BRIGHTER / 2, _SHARE * brightest)).astype(np.uint8)
     count, labels, stats, _ = cv2.connectedComponentsWithStats(mask)
-    found = []
+    spots = []
     for label in range(1, count):
         x, y, width, height, area = stats[label]
         if not _SMALLEST <= area <= _LARGEST * mask.size:
@@ -83,7 +83,7 @@ def find_bright_spots(difference: np.ndarray) -> np.ndarray:
         weights = np.where(others, 0, difference[box]).astype(np.float64)
         weights = np.maximum(weights - _RIM * brightest, 0)
         rows, columns = np.mgrid[box]
-        found.append(
+        spots.append(
             [(columns * weights).sum() / weights.sum(), (rows * weights).sum() / weights.sum()]
         )
-    return np.array(found).reshape(-1, 2)
+    return np.array(spots).reshape(-1, 2)

@@ -68,8 +68,8 @@ def write_board_pdf(
             black = list_black_squares(squares, side, inner, markers, number * count)
             axes.add_patch(PathPatch(_merge_squares(black), facecolor="black", linewidth=0))
             bottom = rows * side + _RIM
-            own = f"board {number + 1} of {boards}      " if boards > 1 else ""
-            axes.text(0, bottom, own + text, fontsize=6, va="center")
+            heading = f"board {number + 1} of {boards}      " if boards > 1 else ""
+            axes.text(0, bottom, heading + text, fontsize=6, va="center")
             axes.plot([0, ruler], [bottom + 5] * 2, color="black", linewidth=0.8)
             pages.savefig(figure)
     return width, height
@@ -91,17 +91,17 @@ def list_black_squares(
 
     side, inner: of squares and markers, mm. first: number of the first marker.
     """
-    found: list[tuple[float, float, float]] = []
+    squares_black: list[tuple[float, float, float]] = []
     bits = markers.markerSize + 2  # with the black rim
     module, number, off = inner / bits, first, (side - inner) / 2
     for row in range(squares[1]):
         for column in range(squares[0]):
             left, top = column * side, row * side
             if (row + column) % 2 == 0:
-                found.append((left, top, side))
+                squares_black.append((left, top, side))
                 continue
             picture = cv2.aruco.generateImageMarker(markers, number, bits)
             number += 1
             for y, x in np.argwhere(picture == 0):
-                found.append((left + off + x * module, top + off + y * module, module))
-    return np.array(found)
+                squares_black.append((left + off + x * module, top + off + y * module, module))
+    return np.array(squares_black)

@@ -57,10 +57,10 @@ class Sighting:
 
 def group_by_frame(sightings: Sequence[Sighting]) -> dict[int, list[Sighting]]:
     """Group the sightings by frame."""
-    found: dict[int, list[Sighting]] = {}
+    groups: dict[int, list[Sighting]] = {}
     for sighting in sightings:
-        found.setdefault(sighting.frame, []).append(sighting)
-    return found
+        groups.setdefault(sighting.frame, []).append(sighting)
+    return groups
 
 
 def select_shared(sightings: Sequence[Sighting], least: int) -> list[Sighting]:
@@ -71,10 +71,10 @@ def select_shared(sightings: Sequence[Sighting], least: int) -> list[Sighting]:
 
 def group_by_view(sightings: Sequence[Sighting], views: int) -> list[list[Sighting]]:
     """Group the sightings by camera."""
-    found: list[list[Sighting]] = [[] for _ in range(views)]
+    groups: list[list[Sighting]] = [[] for _ in range(views)]
     for sighting in sightings:
-        found[sighting.view].append(sighting)
-    return found
+        groups[sighting.view].append(sighting)
+    return groups
 
 
 def check_squares(squares: tuple[int, int], square: float) -> None:

@@ -80,7 +80,7 @@ class PointScene:
 def triangulate_rays(cameras: Sequence[Camera], pixels: np.ndarray) -> np.ndarray:
     """Return the points (P, 3) nearest to the rays of their pixels (V, P, 2) in all cameras; NaN
     where less than two see one."""
-    rays = [camera.rays(own) for camera, own in zip(cameras, pixels, strict=True)]
+    rays = [camera.rays(view_pixels) for camera, view_pixels in zip(cameras, pixels, strict=True)]
     centres = np.stack([camera.centre for camera in cameras])
     return intersect_rays(centres, np.stack(rays, axis=1))
 
@@ -91,8 +91,8 @@ def measure_errors(scene: PointScene, observations: PointObservations) -> np.nda
     views, items = np.nonzero(observations.seen)
     pixels, speeds = observations.pixels[views, items], observations.speeds[views, items]
     pixels = pixels + scene.lags[views, None] * speeds
-    found = measure_points(scene.cameras, views, scene.points[items], pixels, speeds)[0]
-    errors[views, items] = np.linalg.norm(found, axis=-1)
+    offsets = measure_points(scene.cameras, views, scene.points[items], pixels, speeds)[0]
+    errors[views, items] = np.linalg.norm(offsets, axis=-1)
     return errors
 
 
@@ -114,13 +114,13 @@ def adjust_points(
         moved = pixels + lags[views, None] * speeds
         errors, by_camera, by_point = measure_points(cameras, views, points[items], moved, speeds)
         slopes = [Slope("cameras", views, by_camera), Slope("points", items, by_point)]
-        found = [Residuals(errors, slopes, least=noise), prior("cameras", changes, spread)]
+        solution = [Residuals(errors, slopes, least=noise), prior("cameras", changes, spread)]
         if observations.segments is not None:
-            found.append(observations.segments.measure(points))
-        return found
+            solution.append(observations.segments.measure(points))
+        return solution
 
     start = {"cameras": np.zeros(sigmas.shape), "points": scene.points}
     free = {"cameras": sigmas > 0}
-    found = solve(evaluate, start, steps=_STEPS, eliminate=["points"], free=free).parameters
-    cameras = correct_cameras(scene.cameras, found["cameras"])
-    return PointScene(cameras, scene.lags - found["cameras"][:, 7], found["points"])
+    solution = solve(evaluate, start, steps=_STEPS, eliminate=["points"], free=free).parameters
+    cameras = correct_cameras(scene.cameras, solution["cameras"])
+    return PointScene(cameras, scene.lags - solution["cameras"][:, 7], solution["points"])

@@ -112,22 +112,22 @@ def _undistort(camera: Camera, points: np.ndarray, config: PersonConfig) -> np.n
 
 def _choose_frames(seen: np.ndarray, lags: np.ndarray) -> np.ndarray:
     """Return the first camera's frames (F,) that are used: of those that two cameras have."""
-    shown = np.stack(
+    is_seen = np.stack(
         [
-            np.isfinite(shift_points(own, int(lag))).any(axis=(1, 2))
-            for own, lag in zip(seen, lags, strict=True)
+            np.isfinite(shift_points(view_points, int(lag))).any(axis=(1, 2))
+            for view_points, lag in zip(seen, lags, strict=True)
         ]
     )
-    common = np.flatnonzero(shown.sum(axis=0) > 1)
+    common = np.flatnonzero(is_seen.sum(axis=0) > 1)
     return np.asarray(common[pick_evenly(len(common), _MOST_FRAMES)], int)
 
 
 def _observe(seen: np.ndarray, lags: np.ndarray, frames: np.ndarray) -> PointObservations:
     """Return the pixels and speeds of all keypoints at the first camera's `frames`."""
     pixels, speeds = [], []
-    for own, lag in zip(seen, lags, strict=True):
-        pixels.append(shift_points(own, int(lag))[frames].reshape(-1, 2))
-        speeds.append(_measure_speeds(own, int(lag))[frames].reshape(-1, 2))
+    for view_points, lag in zip(seen, lags, strict=True):
+        pixels.append(shift_points(view_points, int(lag))[frames].reshape(-1, 2))
+        speeds.append(_measure_speeds(view_points, int(lag))[frames].reshape(-1, 2))
     return PointObservations(np.stack(pixels), np.stack(speeds))
 
 
@@ -150,7 +150,7 @@ def _total_error(scene: PointScene, observations: PointObservations) -> float:
 
 
 def _adjust(
-    scene: PointScene, given: PointObservations, seen: np.ndarray, lags: np.ndarray,
+    scene: PointScene, observed: PointObservations, seen: np.ndarray, lags: np.ndarray,
     frames: np.ndarray, noise: float, focal: float,
 ) -> tuple[PointScene, np.ndarray]:  # fmt: skip
     """Return the adjusted scene, and the lags (V,), whole frames, to which its own are added."""
@@ -158,7 +158,7 @@ def _adjust(
     sigmas[:, 6] = focal
     sigmas[1:, 7] = 1.0
     for _ in range(_ROUNDS):
-        observations = replace(_observe(seen, lags, frames), segments=given.segments)
+        observations = replace(_observe(seen, lags, frames), segments=observed.segments)
         points = triangulate_rays(scene.cameras, observations.pixels)
         scene = replace(scene, points=points)
         for width in (2, 1):  # narrow weights would take what moves for wrong
@@ -179,7 +179,7 @@ def _finish(
     away = measure_errors(scene, observations)
     enough = np.isfinite(away).sum(axis=1) >= FEWEST
     if not enough.all():
-        few = join_names(c.name for c, own in zip(cameras, enough, strict=True) if not own)
+        few = join_names(c.name for c, many in zip(cameras, enough, strict=True) if not many)
         raise InputError(f"{few}: too few keypoints are seen by another camera, too; {FILM}")
     medians = np.nanmedian(away, axis=1)
     shares = medians / np.array([max(camera.size) for camera in cameras])

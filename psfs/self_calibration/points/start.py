@@ -77,11 +77,11 @@ def _place_pair(
     placed = list(cameras)
     placed[pair[0]] = replace(cameras[pair[0]], R=np.eye(3), t=np.zeros(3))
     placed[pair[1]] = replace(cameras[pair[1]], R=R, t=t.ravel())
-    own = [placed[view] for view in pair]
-    points = triangulate_rays(own, observations.pixels[list(pair)])
+    both_cameras = [placed[view] for view in pair]
+    points = triangulate_rays(both_cameras, observations.pixels[list(pair)])
     good = both[ahead.ravel() > 0]
-    rays = [points[good] - camera.centre for camera in own]
-    rays = [of / np.linalg.norm(of, axis=1, keepdims=True) for of in rays]
+    rays = [points[good] - camera.centre for camera in both_cameras]
+    rays = [directions / np.linalg.norm(directions, axis=1, keepdims=True) for directions in rays]
     parallax = np.degrees(np.arccos(np.clip((rays[0] * rays[1]).sum(axis=1), -1, 1)))
     wide = float(np.median(np.minimum(parallax, 180 - parallax)))
     if wide < _PARALLAX:
@@ -122,11 +122,11 @@ def _resect(
         return None
     flat = camera.normalise(observations.pixels[view, both])
     cv2.setRNGSeed(1)
-    found, turn, shift, inside = cv2.solvePnPRansac(
+    solved, turn, shift, inside = cv2.solvePnPRansac(
         scene.points[both], flat, np.eye(3), None, iterationsCount=_TRIALS, confidence=_SURE,
         reprojectionError=2 * GATE * noise / camera.K[0, 0], flags=cv2.SOLVEPNP_EPNP,
     )  # fmt: skip
-    if not found or inside is None or len(inside) < FEWEST // 2:
+    if not solved or inside is None or len(inside) < FEWEST // 2:
         return None
     return replace(camera, R=cv2.Rodrigues(turn)[0], t=shift.ravel())
 
@@ -135,17 +135,17 @@ def _adjust_some(
     scene: PointScene, observations: PointObservations, placed: list[int], noise: float
 ) -> PointScene:  # fmt: skip
     """Triangulate all points by the placed cameras and adjust these, lags and lenses kept."""
-    some = observations.select(placed)
+    selected = observations.select(placed)
     cameras = tuple(scene.cameras[view] for view in placed)
-    points = triangulate_rays(cameras, some.pixels)
+    points = triangulate_rays(cameras, selected.pixels)
     sigmas = pose_sigmas(len(placed))
-    own = PointScene(cameras, np.zeros(len(placed)), points)
-    own = adjust_points(own, some, sigmas, noise)
+    placed_scene = PointScene(cameras, np.zeros(len(placed)), points)
+    placed_scene = adjust_points(placed_scene, selected, sigmas, noise)
     # Points that fit badly are not used to place the next camera.
-    worst = np.nan_to_num(measure_errors(own, some)).max(axis=0)
-    points = np.where((worst < 4 * GATE * noise)[:, None], own.points, np.nan)
+    worst = np.nan_to_num(measure_errors(placed_scene, selected)).max(axis=0)
+    points = np.where((worst < 4 * GATE * noise)[:, None], placed_scene.points, np.nan)
     merged = list(scene.cameras)
-    for view, camera in zip(placed, own.cameras, strict=True):
+    for view, camera in zip(placed, placed_scene.cameras, strict=True):
         merged[view] = camera
     return PointScene(tuple(merged), scene.lags, points)
 
@@ -169,9 +169,9 @@ def measure_epipolar(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Return the distances (N,) of points (N, 2) of two cameras from the epipolar lines of the
     fundamental matrix that fits them best (Sampson's distance), in the points' unit."""
     points, scales = [], []
-    for own in (a, b):
-        middle, spread = own.mean(axis=0), own.std() + 1e-12
-        points.append(np.column_stack([(own - middle) / spread, np.ones(len(own))]))
+    for pixels in (a, b):
+        middle, spread = pixels.mean(axis=0), pixels.std() + 1e-12
+        points.append(np.column_stack([(pixels - middle) / spread, np.ones(len(pixels))]))
         scales.append(spread)
     rows = (points[1][:, :, None] * points[0][:, None]).reshape(-1, 9)
     weights, away = np.ones(len(rows)), np.zeros(len(rows))
