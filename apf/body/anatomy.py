@@ -42,7 +42,7 @@ def segment_frames(body: BodyModel) -> dict[str, tuple[int, np.ndarray]]:
     world = standing_axes(body)
     trunk = {"pelvis": bone_of.get("pelvis"), "head": bone_of.get("neck")}
     trunk["thorax"] = _common_ancestor(body, [bone_of.get("l_shoulder"), bone_of.get("r_shoulder")])
-    found = {
+    frames = {
         name: (bone, upright[0, bone].T @ world) for name, bone in trunk.items() if bone is not None
     }
     for side in ("l_", "r_"):
@@ -55,11 +55,11 @@ def segment_frames(body: BodyModel) -> dict[str, tuple[int, np.ndarray]]:
                 bone = bone_of[top]
                 right = upright[0, bone].T @ world[:, 2] if axis is None else axis[segment == near]
                 frame = _build_frame(_joint_vector(body, bottom, top, bone), right)
-                found[side + segment] = (bone, frame)
-        shank = found.get(f"{side}shank", (-2,))[0]
+                frames[side + segment] = (bone, frame)
+        shank = frames.get(f"{side}shank", (-2,))[0]
         for bone in (index for index, own in enumerate(body.bones) if own.parent == shank):
-            found[f"{side}foot"] = (bone, upright[0, bone].T @ world)
-    return found
+            frames[f"{side}foot"] = (bone, upright[0, bone].T @ world)
+    return frames
 
 
 def standing_axes(body: BodyModel) -> np.ndarray:

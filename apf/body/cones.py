@@ -66,7 +66,7 @@ def outline_rings(eye: np.ndarray, cones: np.ndarray) -> np.ndarray:
     for first in (0, 4):
         centre, radius = cones[..., first : first + 3], cones[..., first + 3]
         # where the end is a ball, its outline is a circle across the line of sight
-        sight = np.stack([((eye - centre) * of).sum(-1) for of in (axis, x, y)], -1)
+        sight = np.stack([((eye - centre) * side).sum(-1) for side in (axis, x, y)], -1)
         across = np.linalg.svd(sight[..., None, :])[2][..., 1:, :]
         ring = np.einsum("ka,...ab->...kb", circle, across)
         back = np.stack([axis, x / dot(x, x)[..., None], y / dot(y, y)[..., None]], -2)
@@ -101,11 +101,11 @@ def overlap_errors(cones: np.ndarray, pairs: Sequence[tuple[int, int]]) -> np.nd
     first, second = np.repeat(np.array(pairs), 3, axis=0).T
     t = np.tile([0.0, 0.5, 1.0], len(pairs))
     errors = []
-    for own in cones:
-        a = own[first]
+    for posed in cones:
+        a = posed[first]
         points = a[:, 0:3] + t[:, None] * (a[:, 4:7] - a[:, 0:3])
         radius = a[:, 3] + t * (a[:, 7] - a[:, 3])
-        distance = cone_distances(points, own)[np.arange(len(t)), second]
+        distance = cone_distances(points, posed)[np.arange(len(t)), second]
         errors.append(np.mean(np.clip(1 - distance / radius, 0, 1) ** 2))
     return np.array(errors)
 

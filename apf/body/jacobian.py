@@ -73,7 +73,7 @@ def cone_motions(body: BodyModel, axes: tuple[np.ndarray, np.ndarray]) -> np.nda
     `world_axes` returns: the product with a point's direction n (3,) and with p x n, p the point on
     the cone, is the point's displacement along n: a rotation by d about an axis a through o moves
     p by d (a x (p - o))."""
-    directions, anchors = (of[:, None] for of in axes)
+    directions, anchors = (rows[:, None] for rows in axes)
     moves = cone_moves(body)[..., None]
     turns = (moves == _TURNS).astype(float)
     lever = np.where(moves == _SLIDES, directions, -turns * cross_rows(directions, anchors))
@@ -83,7 +83,7 @@ def cone_motions(body: BodyModel, axes: tuple[np.ndarray, np.ndarray]) -> np.nda
 def cross_rows(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Return the cross products (..., 3) of vectors (..., 3), bitwise equal to `np.cross`, which
     takes several times as long for some hundred of them."""
-    ax, ay, az, bx, by, bz = (of[..., k] for of in (a, b) for k in range(3))
+    ax, ay, az, bx, by, bz = (rows[..., k] for rows in (a, b) for k in range(3))
     return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], -1)
 
 

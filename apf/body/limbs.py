@@ -132,14 +132,14 @@ def solve_inverse_kinematics(
     if not far.size:
         return poses
     moved, free = poses[far], np.broadcast_to(dofs, poses.shape)[far]
-    some = np.any(joints[far], axis=0)
-    wanted, goals = joints[far][:, some, None, None], places[far][:, some]
-    bones = np.array([joint.bone for joint in body.joints])[some]
+    compared = np.any(joints[far], axis=0)
+    wanted, goals = joints[far][:, compared, None, None], places[far][:, compared]
+    bones = np.array([joint.bone for joint in body.joints])[compared]
     n_free = free.sum(1).max()
     each = np.argsort(~free, axis=1, kind="stable")[:, :n_free]  # the free ones of each pose
     axes = np.zeros((2, *moved.shape, 3))
     for _ in range(_N_STEPS):
-        now = posed_points(body, moved, body.joints, axes)[:, some]
+        now = posed_points(body, moved, body.joints, axes)[:, compared]
         slopes = bone_point_jacobian(body, moved, bones, now, axes) * free[:, None, :, None]
         slopes = wanted * np.take_along_axis(slopes, each[:, None, :, None], 2)
         rows = slopes.swapaxes(1, 2).reshape(len(moved), n_free, -1)
@@ -160,12 +160,12 @@ def limb_angles(body: BodyModel, names: Iterable[str]) -> np.ndarray:
     names: of the N angles, such as l_knee_flexion or knee_angle_l.
     """
     tokens = [set(name.split("_")) for name in names]
-    found = np.zeros((len(limb_chains(body)), len(tokens)), bool)
+    moved = np.zeros((len(limb_chains(body)), len(tokens)), bool)
     for limb, name in enumerate(limb_names(body)):
         side, _, kind = name.partition(" ")
         if kind in _ANGLES:
-            found[limb] = [side[0] in of and bool(_ANGLES[kind] & of) for of in tokens]
-    return found
+            moved[limb] = [side[0] in words and bool(_ANGLES[kind] & words) for words in tokens]
+    return moved
 
 
 def add_ankles(body: BodyModel) -> BodyModel:

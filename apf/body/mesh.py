@@ -161,11 +161,11 @@ def _capsule(cone: Cone, segments: int) -> tuple[np.ndarray, np.ndarray]:
     slopes = np.radians([67.5, 45.0, 22.5, 0.0])
     rings = [
         (centre + radius * np.sin(slope) * axis, radius * np.cos(slope))
-        for centre, radius, own in (
+        for centre, radius, side in (
             (cone.start, cone.radii[0], -slopes),
             (cone.end, cone.radii[1], slopes[::-1]),
         )
-        for slope in own
+        for slope in side
     ]
     poles = [cone.start - cone.radii[0] * axis, cone.end + cone.radii[1] * axis]
     return _revolve(cone, _circle(segments), rings, poles)
@@ -248,15 +248,15 @@ def skinned_mesh(
     """Bind vertices (M, 3) m to the bones of `body` in `pose` (D,) with weights (M, B)."""
     n_bones = min(MAX_BONES, int((weights > 0).sum(1).max()))
     bones = np.argsort(-weights, axis=1, kind="stable")[:, :n_bones]
-    kept = np.take_along_axis(weights, bones, 1)
-    kept = kept / kept.sum(1, keepdims=True)
+    strongest = np.take_along_axis(weights, bones, 1)
+    strongest = strongest / strongest.sum(1, keepdims=True)
     rotations, origins = (array[0] for array in bone_matrices(body, pose[None]))
     offset = vertices[:, None] - origins[bones]
     of_face = np.sort(bones[:, 0][faces], 1)[:, 1]  # the bone of two corners, if two agree
     used = np.unique(of_face)
     return BodyMesh(
         bones=bones,
-        weights=kept,
+        weights=strongest,
         positions=np.einsum("mkba,mkb->mka", rotations[bones], offset),
         faces=faces,
         parts=np.searchsorted(used, of_face),

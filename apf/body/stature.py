@@ -41,15 +41,15 @@ def ankle_cones(body: BodyModel) -> dict[int, float]:
     """
     cones = posed_cones(body, _upright(body))[0]
     places = posed_joints(body, _upright(body))[0]
-    found = {}
+    ankles = {}
     for joint, place in zip(body.joints, places, strict=True):
         leg = (joint.bone, body.bones[joint.bone].parent)
-        own = [c for c, cone in enumerate(body.cones) if cone.bone in leg]
-        if joint.name in ANKLES and own:
-            away = [np.linalg.norm(cones[c, 4:7] - place) for c in own]
-            nearest = own[int(np.argmin(away))]
-            found[nearest] = float(cones[nearest, 6]) - lowest_point(cones)
-    return found
+        rows = [c for c, cone in enumerate(body.cones) if cone.bone in leg]
+        if joint.name in ANKLES and rows:
+            away = [np.linalg.norm(cones[c, 4:7] - place) for c in rows]
+            nearest = rows[int(np.argmin(away))]
+            ankles[nearest] = float(cones[nearest, 6]) - lowest_point(cones)
+    return ankles
 
 
 def stature(body: BodyModel) -> float:

@@ -125,12 +125,12 @@ def normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     around them, by their angles there."""
     corners = vertices[faces].astype(float)
     sides = [np.roll(corners, -by, axis=1) - corners for by in (1, 2)]
-    sides = [of / np.maximum(np.linalg.norm(of, axis=2, keepdims=True), 1e-12) for of in sides]
+    sides = [s / np.maximum(np.linalg.norm(s, axis=2, keepdims=True), 1e-12) for s in sides]
     angles = np.arccos(np.clip(np.sum(sides[0] * sides[1], axis=2), -1, 1))
     across = _cross_faces(corners)
     across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-12)
     weights = (angles[..., None] * across[:, None]).reshape(-1, 3)
-    sums = np.stack([np.bincount(faces.ravel(), of, len(vertices)) for of in weights.T], axis=1)
+    sums = np.stack([np.bincount(faces.ravel(), w, len(vertices)) for w in weights.T], axis=1)
     return np.float32(sums / np.maximum(np.linalg.norm(sums, axis=1, keepdims=True), 1e-12))
 
 

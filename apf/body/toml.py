@@ -91,8 +91,8 @@ def _derive(entry: DerivedEntry, folder: Path, source: str | Path) -> dict[str, 
             axis["rest"] *= entry.scale if axis["axis"].strip("-")[0] == "t" else 1
     for kind, owner in (("bone", "name"), ("cone", "bone"), ("joint", "bone")):
         new = {each.name: each.model_dump(exclude_none=True) for each in getattr(entry, kind)}
-        kept = [new.pop(of["name"], of) for of in tables[kind] if of[owner] not in lost]
-        tables[kind] = kept + list(new.values())
+        tables_left = [new.pop(of["name"], of) for of in tables[kind] if of[owner] not in lost]
+        tables[kind] = tables_left + list(new.values())
     for kind, items in (("edges", "joint"), ("apart", "cone")):
         left = {each["name"] for each in tables[items]}
         stated = getattr(entry, kind)

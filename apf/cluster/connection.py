@@ -124,9 +124,9 @@ def _check_answer(address: str, patience: float) -> None:
 
 
 def _check_workers(client: Any, shared: Path) -> None:
-    found = client.run(_inspect_worker, str(shared), on_error="return")
+    answers = client.run(_inspect_worker, str(shared), on_error="return")
     here = versions()["psfs-apf"]
-    for address, seen in found.items():
+    for address, seen in answers.items():
         if isinstance(seen, BaseException):
             raise InputError(f"worker {address}: cannot run psfs-apf {here}: {seen}")
         version, sees = seen

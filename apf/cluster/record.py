@@ -84,10 +84,10 @@ class TakeRecord:
     def is_complete(self, folder: Path) -> bool:
         """Return whether all outputs are in the folder of results, unchanged."""
         try:
-            found = describe_files(folder, [folder / name for name in self.outputs], self.outputs)
+            files = describe_files(folder, [folder / name for name in self.outputs], self.outputs)
         except InputError:
             return False
-        return _contents(found) == _contents(self.outputs)
+        return _contents(files) == _contents(self.outputs)
 
     def write(self, folder: Path) -> None:
         """Write the record into the folder of results. Raises InputError."""

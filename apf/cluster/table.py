@@ -78,7 +78,7 @@ class TakeRow:
         if evaluation is not None:
             limbs = [limb for limb, lost in evaluation.lost_limbs.items() if lost]
         else:
-            means = {part: of["mean_confidence"] for part, of in quality["parts"].items()}
+            means = {part: values["mean_confidence"] for part, values in quality["parts"].items()}
             limbs = [part for part, mean in means.items() if mean is not None and mean < DOUBTFUL]
         return cls(
             name=name,

@@ -37,8 +37,8 @@ class Share:
     @property
     def environment(self) -> dict[str, str]:
         """Environment variables that its process is started with."""
-        own = {DEVICE: self.device, CORES: ",".join(map(str, self.cores))}
-        return own | dict.fromkeys(_OPENCV, "1")
+        values = {DEVICE: self.device, CORES: ",".join(map(str, self.cores))}
+        return values | dict.fromkeys(_OPENCV, "1")
 
 
 def share_machine(device: str = "auto", n_workers: int | None = None) -> list[Share]:

@@ -90,14 +90,14 @@ def _true_frames(bones: Mapping[str, np.ndarray], joints: np.ndarray) -> dict[st
     left /= np.linalg.norm(left)
     up = np.array([0.0, 0, 1])
     upright = np.stack([np.cross(left, up), up, -left], -1)
-    found = {}
+    frames_of = {}
     for segment, names in _TRUNK.items():
         turned = _first(bones, names)
         if turned is not None:
-            found[segment] = turned @ upright
+            frames_of[segment] = turned @ upright
     for side, prefixes in _SIDES.items():
-        found |= _limb_frames(bones, at, side, prefixes, upright)
-    return found
+        frames_of |= _limb_frames(bones, at, side, prefixes, upright)
+    return frames_of
 
 
 def _limb_frames(
@@ -122,13 +122,13 @@ def _limb_frames(
                 mean = np.nanmean(_turn_back(turned[segment], axis), axis=0)
                 if np.linalg.norm(mean) > _BENT:
                     right[segment] = mean
-    found = {}
+    frames_of = {}
     for segment, rotation in turned.items():
         y = -_rest_direction(rotation, vectors[segment])
         z = right[segment] - (right[segment] @ y) * y
         z /= np.linalg.norm(z)
-        found[side + segment] = rotation @ np.stack([np.cross(y, z), y, z], -1)
-    return found
+        frames_of[side + segment] = rotation @ np.stack([np.cross(y, z), y, z], -1)
+    return frames_of
 
 
 def _rest_direction(rotation: np.ndarray, vectors: np.ndarray) -> np.ndarray:
@@ -156,13 +156,13 @@ def evaluate_angles(track: Track, truth: TrueAngles) -> list[AngleError]:
     if track.body is None:
         return []
     _, rows, true_rows = np.intersect1d(track.frames, truth.frames, return_indices=True)
-    found = []
+    measured = []
     for name, ours in track.angles.items():
         if name not in truth.angles:
             continue
         error = measure_angle(name, ours[rows], truth.angles[name][true_rows])
-        found += [] if error is None else [error]
-    return found
+        measured += [] if error is None else [error]
+    return measured
 
 
 def measure_angle(name: str, ours: np.ndarray, truth: np.ndarray) -> AngleError | None:
@@ -174,7 +174,7 @@ def measure_angle(name: str, ours: np.ndarray, truth: np.ndarray) -> AngleError 
     # the mean of angles that may lie on both sides of half a turn
     mean = np.degrees(np.angle(np.exp(1j * np.radians(off)).mean()))
     rest = (off - mean + 180) % 360 - 180
-    rms, free = (float(np.sqrt(np.mean(of**2))) for of in (off, rest))
+    rms, free = (float(np.sqrt(np.mean(errors**2))) for errors in (off, rest))
     return AngleError(name, rms, free, int(off.size))
 
 

@@ -124,10 +124,10 @@ class Evaluation:
     def inside(self) -> np.ndarray:
         """Indicator (F, J): 1 where the truth lies inside the 95 % ellipsoid, 0 where not, NaN
         where the track reports no covariance."""
-        found = np.full(self.errors.shape, np.nan)
+        within = np.full(self.errors.shape, np.nan)
         known = np.isfinite(self.covariance).all((-2, -1)) & np.isfinite(self.errors)
-        found[known] = is_inside_ellipsoid(self.offsets[known], self.covariance[known])
-        return found
+        within[known] = is_inside_ellipsoid(self.offsets[known], self.covariance[known])
+        return within
 
     @cached_property
     def inside_unflagged(self) -> float:
@@ -236,13 +236,13 @@ def evaluate(track: Track | JointSeries, truth: JointSeries) -> Evaluation:
     stated = _reported_covariance(track, tuple(names))[rows]
     axes = _body_frames(true[true_rows])
     common = frames, rows
-    found = evaluate_points(track, truth, common, tuple(names), offsets, axes, covariance=stated)
-    kept = found.joint_names
+    result = evaluate_points(track, truth, common, tuple(names), offsets, axes, covariance=stated)
+    compared = result.joint_names
     return replace(
-        found,
+        result,
         toes=_evaluate_toes(track, truth, (frames, rows, true_rows), axes),
-        unmatched_track=tuple(our_unused + [name for name in our_names if name not in kept]),
-        unmatched_truth=tuple(true_unused + [name for name in true_names if name not in kept]),
+        unmatched_track=tuple(our_unused + [name for name in our_names if name not in compared]),
+        unmatched_truth=tuple(true_unused + [name for name in true_names if name not in compared]),
     )
 
 
@@ -255,7 +255,7 @@ def _evaluate_toes(
     """Return the evaluation of the toes' tips where track and truth have them, else None. common,
     axes: see `common_frames` and `evaluate_points`."""
     points, (frames, rows, true_rows) = track.points if isinstance(track, Track) else track, common
-    ours, true = (match_joints(of.joint_names, TOES) for of in (points, truth))
+    ours, true = (match_joints(source.joint_names, TOES) for source in (points, truth))
     names = tuple(name for name in TOES if name in ours and name in true)
     offsets = points.joints[rows][:, [ours[name] for name in names]]
     offsets = offsets - truth.joints[true_rows][:, [true[name] for name in names]]
@@ -303,7 +303,7 @@ def evaluate_points(
         covariance = np.full((*offsets.shape, 3), np.nan)
     lost, flagged, shares = _read_flags(track, names, rows[compared])
     return Evaluation(
-        joint_names=tuple(name for name, some in zip(names, with_truth, strict=True) if some),
+        joint_names=tuple(name for name, known in zip(names, with_truth, strict=True) if known),
         frames=frames[compared],
         fps=track.fps,
         offsets=offsets[compared][:, with_truth],
@@ -342,12 +342,12 @@ def _read_flags(
 def _reported_covariance(track: Track | JointSeries, names: tuple[str, ...]) -> np.ndarray:
     """Return the covariance (F, J, 3, 3), m^2, that the track reports for these joints."""
     columns = match_joints(track.joint_names)
-    found = np.full((len(track.frames), len(names), 3, 3), np.nan)
+    stated = np.full((len(track.frames), len(names), 3, 3), np.nan)
     if isinstance(track, Track):
         for j, name in enumerate(names):
             if name in columns:
-                found[:, j] = track.covariance[:, columns[name]]
-    return found
+                stated[:, j] = track.covariance[:, columns[name]]
+    return stated
 
 
 def _body_frames(joints: np.ndarray) -> np.ndarray:
@@ -374,11 +374,11 @@ def _is_lost(errors: np.ndarray) -> bool:
 def list_warnings(frames: np.ndarray, truth: JointSeries) -> tuple[str, ...]:
     """Return what a reader of the figures should know: tracked `frames` that the
     truth lacks."""
-    found = []
+    warnings = []
     n_common = int(np.isin(frames, truth.frames).sum())
     if n_common < len(frames):
-        found.append(f"the truth covers {n_common} of the track's {len(frames)} frames")
-    return tuple(found)
+        warnings.append(f"the truth covers {n_common} of the track's {len(frames)} frames")
+    return tuple(warnings)
 
 
 def _span(frames: np.ndarray) -> str:

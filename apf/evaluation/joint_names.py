@@ -53,12 +53,12 @@ ALIASES = _aliases()
 def match_joints(names: Sequence[str], joints: Sequence[str] = EVALUATED_JOINTS) -> dict[str, int]:
     """Return the index in `names` of each of `joints` that is there under any of its names."""
     plain = [re.sub(r"[^a-z0-9]", "", name.split(":")[-1].lower()) for name in names]
-    found = {}
+    matches = {}
     for joint in joints:
         index = next((plain.index(alias) for alias in ALIASES[joint] if alias in plain), None)
         if index is not None:
-            found[joint] = index
-    return found
+            matches[joint] = index
+    return matches
 
 
 def evaluated_joints(
@@ -69,15 +69,15 @@ def evaluated_joints(
     Also return which of the 15 were found (a missing pelvis is the middle of the hips) and which of
     `names` match none.
     """
-    found = match_joints(names)
+    matches = match_joints(names)
     out = np.full((len(joints), len(EVALUATED_JOINTS), 3), np.nan)
-    for joint, index in found.items():
+    for joint, index in matches.items():
         out[:, EVALUATED_JOINTS.index(joint)] = joints[:, index]
-    used = {*found.values(), *match_joints(names, TOES).values()}
+    used = {*matches.values(), *match_joints(names, TOES).values()}
     unused = [name for index, name in enumerate(names) if index not in used]
-    present = set(found)
-    if "pelvis" not in found and {"l_hip", "r_hip"} <= present:
-        hips = joints[:, [found["l_hip"], found["r_hip"]]]
+    present = set(matches)
+    if "pelvis" not in matches and {"l_hip", "r_hip"} <= present:
+        hips = joints[:, [matches["l_hip"], matches["r_hip"]]]
         out[:, EVALUATED_JOINTS.index("pelvis")] = hips.mean(axis=1)
         present.add("pelvis")
     return out, [joint for joint in EVALUATED_JOINTS if joint in present], unused

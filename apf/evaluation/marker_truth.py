@@ -37,8 +37,8 @@ def load_markers(source: str | Path) -> MarkerSet:
     stature = values.pop("stature", 1.75)
     entries = values.pop("marker", [])
     if values or not isinstance(entries, list) or not isinstance(stature, int | float):
-        found = join_names(values) if values else "another kind of value"
-        raise InputError(f"{path}: {found}; expected [[marker]] tables, and perhaps stature, m")
+        contents = join_names(values) if values else "another kind of value"
+        raise InputError(f"{path}: {contents}; expected [[marker]] tables, and perhaps stature, m")
     check_number(f"{path}: stature, m,", float(stature), 0.3, 3)
     # The spread of a marker is not needed here, because nothing is fitted to it.
     spread = {"spread": 0.01}
@@ -66,10 +66,10 @@ def evaluate_markers(track: Track, markers: MarkerSet, truth: JointSeries) -> Ev
     frames, rows, true_rows = common_frames(track, truth)
     offsets = points.place(body, track.poses[rows]) - truth.joints[true_rows][:, points.columns]
     axes = bone_matrices(body, track.poses[rows])[0][:, points.bones]
-    found = evaluate_points(track, truth, (frames, rows), points.names, offsets, axes)
+    result = evaluate_points(track, truth, (frames, rows), points.names, offsets, axes)
     unused = sorted(set(range(len(labels))) - set(points.columns.tolist()))
     return replace(
-        found,
+        result,
         unmatched_track=tuple(m.name for m in markers.markers if m.name not in points.names),
         unmatched_truth=tuple(truth.joint_names[k] for k in unused),
     )

@@ -61,12 +61,12 @@ class PeopleEvaluation:
     def switches(self) -> list[tuple[int, str]]:
         """The frames in which a person is matched to another track than when last matched, each
         with the person's name."""
-        found = []
-        for name, of in zip(self.names, self.matches.T, strict=True):
-            rows = np.flatnonzero(of >= 0)
-            changes = rows[1:][np.diff(of[rows]) != 0]
-            found += [(int(self.frames[row]), name) for row in changes]
-        return sorted(found)
+        switches = []
+        for name, matched in zip(self.names, self.matches.T, strict=True):
+            rows = np.flatnonzero(matched >= 0)
+            changes = rows[1:][np.diff(matched[rows]) != 0]
+            switches += [(int(self.frames[row]), name) for row in changes]
+        return sorted(switches)
 
     @property
     def misses(self) -> int:
@@ -89,8 +89,8 @@ class PeopleEvaluation:
     def idf1(self) -> float:
         """F1 score of the identities: how much of people and tracks is matched to the one track
         that is a person's over all frames."""
-        own = (self.matches == self.tracks) & (self.tracks >= 0)
-        return float(2 * own.sum() / max(1, self.present.sum() + self.counts.sum()))
+        right = (self.matches == self.tracks) & (self.tracks >= 0)
+        return float(2 * right.sum() / max(1, self.present.sum() + self.counts.sum()))
 
     def summary(self) -> dict[str, Any]:
         """Return all figures, ready for JSON; errors in mm, None for a person without a track."""
@@ -109,9 +109,9 @@ class PeopleEvaluation:
                     "track": None if track < 0 else int(track) + 1,
                     "matched_frames": int((self.matches[:, k] == track).sum()) if track >= 0 else 0,
                     "true_frames": int(self.present[:, k].sum()),
-                    "errors": None if found is None else found.summary(),
+                    "errors": None if error is None else error.summary(),
                 }
-                for k, (name, track, found) in enumerate(
+                for k, (name, track, error) in enumerate(
                     zip(self.names, self.tracks, self.errors, strict=True)
                 )
             ],
@@ -145,8 +145,8 @@ def evaluate_tracks(
     if len(tracks) == 1:
         return [evaluate(tracks[0], truth[find_followed(tracks[0], truth)])]
     frames = np.unique(np.concatenate(list(seen)))
-    found = evaluate_people(PeopleTracks(tuple(tracks), frames, tuple(seen)), truth)
-    errors = dict(zip(found.tracks.tolist(), found.errors, strict=True))
+    result = evaluate_people(PeopleTracks(tuple(tracks), frames, tuple(seen)), truth)
+    errors = dict(zip(result.tracks.tolist(), result.errors, strict=True))
     return [errors.get(number) for number in range(len(tracks))]
 
 
@@ -163,15 +163,15 @@ def evaluate_people(tracks: PeopleTracks, truth: Mapping[str, JointSeries]) -> P
     frames = np.intersect1d(tracks.frames, known)
     true = [_points(series.joint_names, series.joints, series.frames, frames) for series in
             truth.values()]  # fmt: skip
-    own = [_points(track.joint_names, track.joints, track.frames, frames) for track in tracks]
-    for points, seen in zip(own, tracks.seen, strict=True):
+    tracked = [_points(track.joint_names, track.joints, track.frames, frames) for track in tracks]
+    for points, seen in zip(tracked, tracks.seen, strict=True):
         points[~np.isin(frames, seen)] = np.nan
-    apart = np.stack([[_apart(person, track) for track in own] for person in true])
+    apart = np.stack([[_apart(person, track) for track in tracked] for person in true])
     if not np.isfinite(apart).any():
         raise InputError("the tracks and the truth have no joint in any frame in common")
     nearest = apart.min(1)
     matches = _match(np.moveaxis(apart, -1, 0))
-    votes = np.array([[(of == k).sum() for k in range(len(own))] for of in matches.T])
+    votes = np.array([[(match == k).sum() for k in range(len(tracked))] for match in matches.T])
     chosen = np.full(len(true), -1)
     for k, track in match_pairs(-votes, 0):
         chosen[k] = track
@@ -183,11 +183,11 @@ def evaluate_people(tracks: PeopleTracks, truth: Mapping[str, JointSeries]) -> P
         names=tuple(truth),
         frames=frames,
         matches=matches,
-        present=np.stack([np.isfinite(of).all(-1).any(-1) for of in true], axis=1),
+        present=np.stack([np.isfinite(person).all(-1).any(-1) for person in true], axis=1),
         counts=tracks.counts[np.isin(tracks.frames, frames)],
         tracks=chosen,
         errors=errors,
-        apart=min(of[np.isfinite(of)].mean() for of in nearest if np.isfinite(of).any()),
+        apart=min(row[np.isfinite(row)].mean() for row in nearest if np.isfinite(row).any()),
         warnings=tuple(
             dict.fromkeys(
                 text for series in truth.values() for text in list_warnings(tracks.frames, series)
@@ -220,14 +220,14 @@ def _match(apart: np.ndarray) -> np.ndarray:
     matches = np.full(apart.shape[:2], -1)
     last = np.full(apart.shape[1], -1)
     for row, distances in enumerate(apart):
-        kept: list[int] = []
+        matched: list[int] = []
         for k in np.argsort(distances[np.arange(len(last)), last]):
-            if last[k] >= 0 and distances[k, last[k]] < MATCHED and last[k] not in last[kept]:
-                kept.append(int(k))
-        matches[row, kept] = last[kept]
+            if last[k] >= 0 and distances[k, last[k]] < MATCHED and last[k] not in last[matched]:
+                matched.append(int(k))
+        matches[row, matched] = last[matched]
         costs = distances.copy()
-        costs[kept] = np.inf
-        costs[:, last[kept]] = np.inf
+        costs[matched] = np.inf
+        costs[:, last[matched]] = np.inf
         for k, track in match_pairs(costs, MATCHED):
             matches[row, k] = track
         last = np.where(matches[row] >= 0, matches[row], last)

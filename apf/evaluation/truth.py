@@ -70,7 +70,7 @@ def read_truth(path: Path) -> Truth:
     if len(set(persons)) < len(persons):
         persons = [f"{number} ({name})" for number, name in zip(numbers, persons, strict=True)]
     fps = float(get_scalar(data["fps"]))
-    series = [JointSeries(names, of, fps, frames) for of in joints.swapaxes(0, 1)]
+    series = [JointSeries(names, person, fps, frames) for person in joints.swapaxes(0, 1)]
     rotations = {}
     if not several and {"bone_names", "bone_rotations"} <= set(data):
         turns = data["bone_rotations"].astype(np.float64).swapaxes(0, 1)
@@ -82,10 +82,10 @@ def load_truth(path: str | Path, convention: str = "y-up") -> JointSeries:
     """Read true joints or markers of one person from a .trc (axes after `convention`), a .c3d,
     which states its vertical axis, its rate and its frame numbers, or an npz, see `read_truth`.
     Raises InputError."""
-    found = load_people_truth(path, convention)
-    if len(found) > 1:
-        raise InputError(f"{path}: joints of {len(found)} people; expected those of one")
-    return next(iter(found.values()))
+    people = load_people_truth(path, convention)
+    if len(people) > 1:
+        raise InputError(f"{path}: joints of {len(people)} people; expected those of one")
+    return next(iter(people.values()))
 
 
 def load_people_truth(path: str | Path, convention: str = "y-up") -> dict[str, JointSeries]:

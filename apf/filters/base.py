@@ -191,12 +191,12 @@ class DeviceTracker(Tracker):
         self._settle()
         n = len(poses)
         if n not in self._judging:
-            given = self.device.empty(poses.shape, np.float32, "poses to judge")
+            buffer = self.device.empty(poses.shape, np.float32, "poses to judge")
             errors = self.device.empty((n,), np.float32)
-            launches = self.likelihood.rescoring_launcher(given, errors)
-            self._judging[n] = given, errors, launches
-        given, errors, launches = self._judging[n]
-        given.set(poses.astype(np.float32))
+            launches = self.likelihood.rescoring_launcher(buffer, errors)
+            self._judging[n] = buffer, errors, launches
+        buffer, errors, launches = self._judging[n]
+        buffer.set(poses.astype(np.float32))
         for launch in launches:
             launch()
         return errors.get() / self.likelihood.unit
@@ -252,10 +252,10 @@ def begin_searches(
     `likelihood.prepare` prepared and `shows` show; return, for each tracker, a function that waits
     for its search and returns the estimate."""
     device = trackers[0].device
-    with device.enqueue_on(queue) as own:
+    with device.enqueue_on(queue) as commands:
         for show in shows:
             show()
-        device.make_wait(own)  # the next observations overwrite these
+        device.make_wait(commands)  # the next observations overwrite these
         for tracker in trackers:
             tracker.enqueue_search(queue)
         return [tracker.fetch_estimate() for tracker in trackers]

@@ -226,8 +226,8 @@ class FilterConfig(Config):
         for name, value in settings.items():
             *parts, last = _PATHS[name]
             table = values
-            for of in parts:
-                table = table.setdefault(of, {})
+            for path in parts:
+                table = table.setdefault(path, {})
             table[last] = value
         return self.overlay(values)
 

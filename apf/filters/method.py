@@ -124,12 +124,12 @@ class Method(Config):
 
     def describe(self) -> dict[str, Any]:
         """Return the settings that were used, for a track's provenance."""
-        own = {**SEARCHES[self.search].settings, **self._objective.settings}
+        settings = {**SEARCHES[self.search].settings, **self._objective.settings}
         return {
             "method": self.search,
             "objective": self.objective,
             "recover": self.recover,
             "both_ways": self.goes_back,
             "filter": self.filter.settings,
-            **{name: getattr(self, name).to_dict() for name in own},
+            **{name: getattr(self, name).to_dict() for name in settings},
         }

@@ -47,21 +47,21 @@ def read_c3d(path: str | Path, convention: str | None = None) -> JointSeries:
     by default what the file states. Raises InputError naming the file.
     """
     path = Path(path)
-    found = read_c3d_points(path)
-    matrix = CONVENTIONS[convention or _convention(path, found.up)]
-    frames = found.first + np.arange(len(found.positions))
-    return JointSeries(found.names, found.positions @ matrix.T, found.rate, frames)
+    recording = read_c3d_points(path)
+    matrix = CONVENTIONS[convention or _convention(path, recording.up)]
+    frames = recording.first + np.arange(len(recording.positions))
+    return JointSeries(recording.names, recording.positions @ matrix.T, recording.rate, frames)
 
 
 def _convention(path: Path, up: str | None) -> str:
     """Return the convention of a file's up axis. Raises InputError for an unknown one."""
     stated = "+Z" if up is None else up.strip().upper()
-    found = {"+Z": "z-up", "Z": "z-up", "+Y": "y-up", "Y": "y-up"}.get(stated)
-    if found is None:
+    axes = {"+Z": "z-up", "Z": "z-up", "+Y": "y-up", "Y": "y-up"}.get(stated)
+    if axes is None:
         raise InputError(
             f"{path}: POINT:Y_SCREEN is {stated!r}; expected +Z or +Y, or --convention"
         )
-    return found
+    return axes
 
 
 def write_c3d(
@@ -85,7 +85,7 @@ def write_c3d(
         begin = int(part) * _MOST_FRAMES
         ending = f"_frame{begin}" * (begin > 0) + f"_point{point}" * (point > 0)
         deviation = None if series.deviation is None else series.deviation[rows, columns]
-        some = JointSeries(
+        chunk = JointSeries(
             names[columns], series.joints[rows, columns], series.fps, series.frames[rows] - begin,
             deviation, series.note,
         )  # fmt: skip
@@ -95,7 +95,7 @@ def write_c3d(
             if begin <= round(event.time * series.fps) < begin + _MOST_FRAMES
         ]
         written.append(path.with_stem(path.stem + ending))
-        _write_part(written[-1], some, inside)
+        _write_part(written[-1], chunk, inside)
     return tuple(written)
 
 
@@ -104,14 +104,14 @@ def _write_part(path: Path, series: JointSeries, events: Sequence[C3dEvent]) -> 
     import ezc3d  # slow to import
 
     rate, rows = series.to_constant_rate()
-    kept = rows >= 0
+    present = rows >= 0
     points = np.full((4, series.joints.shape[1], len(rows)), np.nan)
-    points[:3, :, kept] = 1000 * series.joints[rows[kept]].transpose(2, 1, 0)
+    points[:3, :, present] = 1000 * series.joints[rows[present]].transpose(2, 1, 0)
     points[3] = 1.0
     missing = np.isnan(points[:3]).any(0)
     residuals = np.zeros((1, *missing.shape))
     if series.deviation is not None:
-        residuals[0][:, kept] = np.nan_to_num(1000 * series.deviation[rows[kept]].T)
+        residuals[0][:, present] = np.nan_to_num(1000 * series.deviation[rows[present]].T)
     residuals[0][missing] = -1.0
 
     file: Any = ezc3d.c3d()

@@ -133,7 +133,7 @@ def _add_mesh(
     in its colours (M, 3) uint8, or, without, one primitive per side."""
     joint_of = np.argsort(bones).astype(np.uint8)
     joints, weights = joint_of[mesh.bones], mesh.weights.astype(np.float32)
-    origins, turned = (of[joints[:, 0]] for of in frames)
+    origins, turned = (values[joints[:, 0]] for values in frames)
     turned = turned @ skeleton.rest[mesh.bones[:, 0]]
     points = origins + np.einsum("vab,vb->va", turned, mesh.positions[:, 0])
     spare = ((0, 0), (0, MAX_BONES - mesh.bones.shape[1]))

@@ -73,7 +73,7 @@ class Skeleton:
         self, body: BodyModel, pose: np.ndarray, bones: Sequence[int]
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return origins (J, 3) m and rotations (J, 3, 3) of the nodes of `bones` in a `pose`."""
-        rotations, origins = (of[0, list(bones)] for of in bone_matrices(body, pose[None]))
+        rotations, origins = (values[0, list(bones)] for values in bone_matrices(body, pose[None]))
         turned = TO_Y_UP @ rotations @ self.rest[list(bones)].transpose(0, 2, 1)
         return origins @ TO_Y_UP.T, turned
 
@@ -123,27 +123,27 @@ class _Builder:
 
     def add_bone(self, index: int, parent: int) -> None:
         """Add a bone, the points on it, and its child bones."""
-        bone, own = self.body.bones[index], len(self.nodes)
+        bone, node = self.body.bones[index], len(self.nodes)
         offset = np.zeros(3) if bone.parent < 0 else self.rest[bone.parent] @ bone.offset
         self.nodes.append(Node(node_name(bone.name), parent, offset, index))
         for joint in self.body.joints:
             if joint.bone == index:
-                self._add_joint(joint, own)
+                self._add_joint(joint, node)
         for child, below in enumerate(self.body.bones):
             if below.parent == index:
-                self.add_bone(child, own)
+                self.add_bone(child, node)
 
     def _add_joint(self, joint: Joint, bone_node: int) -> None:
         """Add a joint, unless its bone begins there, and its markers."""
-        own = bone_node
+        node = bone_node
         if np.linalg.norm(joint.position) < 1e-9:
             self.node_of[joint.name] = bone_node
         else:
-            own = self._add_point(joint, bone_node, joint.position)
+            node = self._add_point(joint, bone_node, joint.position)
         for marker in self._markers:
             side = marker.name.removesuffix(sideless(marker.name))
             if marker.bone == joint.bone and side + _HOLDERS[sideless(marker.name)] == joint.name:
-                self._add_point(marker, own, marker.position - joint.position)
+                self._add_point(marker, node, marker.position - joint.position)
 
     def _add_point(self, point: Joint, parent: int, offset: np.ndarray) -> int:
         self.node_of[point.name] = len(self.nodes)
@@ -174,11 +174,11 @@ def _rest_attitude(body: BodyModel) -> np.ndarray:
 
 def _list_descendants(body: BodyModel, bone: int) -> list[int]:
     """Return a bone and all its descendants."""
-    found = {bone}
-    for index, own in enumerate(body.bones):  # parents come first
-        if own.parent in found:
-            found.add(index)
-    return sorted(found)
+    bones = {bone}
+    for index, child in enumerate(body.bones):  # parents come first
+        if child.parent in bones:
+            bones.add(index)
+    return sorted(bones)
 
 
 def node_name(name: str) -> str:

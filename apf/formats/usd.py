@@ -88,13 +88,13 @@ def write_usd(path: str | Path, motion: BodyMotion, surface: Surface) -> None:
         parent = skeleton.nodes[node].parent
         above = f"{names[parent]}/" if parent in names else ""
         names[node] = above + skeleton.nodes[node].name
-    rotations, positions = (of[:, nodes] for of in skeleton.motion(body, motion.poses))
+    rotations, positions = (values[:, nodes] for values in skeleton.motion(body, motion.poses))
     quaternions = [make_quaternions(rotations[:, k])[:, [3, 0, 1, 2]] for k in range(len(nodes))]
     bound = skeleton.motion(body, surface.pose[None])
     mesh = surface.bind(body)
     width = min(MAX_BONES, mesh.bones.shape[1])
     frames = motion.points.frames.tolist()
-    shown = _COLOURS.format(_array(to_linear(surface.colours / 255)))
+    colours = _COLOURS.format(_array(to_linear(surface.colours / 255)))
     text = _FILE.format(
         first=frames[0] if frames else 0,
         last=frames[-1] if frames else 0,
@@ -108,7 +108,7 @@ def write_usd(path: str | Path, motion: BodyMotion, surface: Surface) -> None:
         counts=_array(np.full(len(surface.faces), 3)),
         indices=_array(surface.faces.ravel()),
         points=_array(surface.vertices @ TO_Y_UP.T),
-        colours=shown if len(surface.colours) else "",
+        colours=colours if len(surface.colours) else "",
         identity=_array(np.eye(4)).replace("[", "(").replace("]", ")"),
         owners=_array(np.argsort(bones)[mesh.bones].ravel()),
         weights=_array(mesh.weights.ravel()),
@@ -133,7 +133,7 @@ def _samples(frames: Iterable[int], values: np.ndarray) -> str:
 def _array(values: np.ndarray) -> str:
     """Return an array as USD writes it: its last axes as tuples."""
 
-    def write(of: Any) -> str:
-        return f"({', '.join(map(write, of))})" if isinstance(of, list) else f"{of:.7g}"
+    def write(row: Any) -> str:
+        return f"({', '.join(map(write, row))})" if isinstance(row, list) else f"{row:.7g}"
 
     return f"[{', '.join(map(write, np.asarray(values).tolist()))}]"

@@ -79,26 +79,26 @@ class Features:
 
     def _region_launch(self) -> Launch:
         """Return the launch that finds the regions of interest."""
-        device, views, found = self.device, len(self.rig), {"evidence": self._evidence}
+        device, views, arguments = self.device, len(self.rig), {"evidence": self._evidence}
         name = "blob_region" if self.config.blobs else "region"
         if self.config.blobs:
             cells = [-(-size // CELL) for size in (self.rig.height, self.rig.width)]
-            found["blobs"] = device.empty((views, *cells), np.int32, "the silhouette's blobs")
-            found["pixels"] = device.empty((views, 2, *cells), np.int32, "the blobs' pixels")
+            arguments["blobs"] = device.empty((views, *cells), np.int32, "the silhouette's blobs")
+            arguments["pixels"] = device.empty((views, 2, *cells), np.int32, "the blobs' pixels")
         size, margin = (views * GROUP,), self.config.pixels(self.config.margin, self.rig)
         where = self._where | {"margin": margin}
-        return device.launch(self._kernel(name), size, (GROUP,), **where, **found)
+        return device.launch(self._kernel(name), size, (GROUP,), **where, **arguments)
 
     def _edge_launches(self) -> list[Launch]:
         """Return the launches that find the edges."""
         device, shape = self.device, self._edges.shape
-        found = {"evidence": self._evidence, "edges": self._edges}
+        arguments = {"evidence": self._evidence, "edges": self._edges}
         if self.config.edges == "outline":
-            return [self._launch("outline_edges", 0, **found)]
+            return [self._launch("outline_edges", 0, **arguments)]
         near = {"dilation": self.config.pixels(self.config.dilation, self.rig)}
         if self.config.edges == "canny":
             self._pictures = device.empty(shape, np.uint8, "the edges")
-            return [self._launch("masked_edges", 0, candidates=self._pictures, **near, **found)]
+            return [self._launch("masked_edges", 0, candidates=self._pictures, **near, **arguments)]
         images = self._silhouette.input
         if self._background is None:
             images = self._pictures = device.empty((*shape, 3), np.uint8, "the pictures")
@@ -109,14 +109,14 @@ class Features:
         above_below, threshold2 = 4, min(self.config.squared_threshold, 2**31 - 1)
         return [
             self._launch("gradient_rows", above_below, images=images, **planes),
-            self._launch("gradient_edges", 0, **planes, **near, **found, threshold2=threshold2),
+            self._launch("gradient_edges", 0, **planes, **near, **arguments, threshold2=threshold2),
         ]
 
     def _distance_launch(self) -> Launch:
         """Return the launch that fills `maps`."""
         proximity = self.config.proximity
-        found = (self._evidence, self._edges, self.roi, proximity.table(self.rig), self.maps)
-        return distance_launch(self.device, *found, metric=proximity.metric)
+        arguments = (self._evidence, self._edges, self.roi, proximity.table(self.rig), self.maps)
+        return distance_launch(self.device, *arguments, metric=proximity.metric)
 
     def _launch(self, name: str, more_rows: int, /, **arguments: Argument) -> Launch:
         """Return the launch of a kernel over all pixels, and `more_rows` beside them."""

@@ -40,13 +40,13 @@ def find_disagreements(keypoints: Keypoints, rig: CameraRig, rate: float) -> lis
     late = find_late_cameras(keypoints, rig)
     if late and not _describe_faults(shift_cameras(keypoints, late), rig):
         return describe_lags(late, rate)
-    found = _describe_faults(keypoints, rig)
-    if not found and faces_backward(keypoints, rig):
+    texts = _describe_faults(keypoints, rig)
+    if not texts and faces_backward(keypoints, rig):
         return [
             "left and right look exchanged in the keypoints of all cameras: nose and toes point "
             "backward; expected the person's own left and right"
         ]
-    return found
+    return texts
 
 
 def _describe_faults(keypoints: Keypoints, rig: CameraRig) -> list[str]:

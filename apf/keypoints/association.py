@@ -81,8 +81,8 @@ def count_at_once(people: Sequence[np.ndarray], least: float) -> int:
     least `least` frames."""
     if not people:
         return 0
-    shown = [(np.isfinite(own).all(-1).any(-1).sum(0) > 1) for own in people]
-    of_frames = np.sort(np.sum(shown, axis=0))[::-1]
+    several = [(np.isfinite(person).all(-1).any(-1).sum(0) > 1) for person in people]
+    of_frames = np.sort(np.sum(several, axis=0))[::-1]
     return int(of_frames[min(max(1, round(least)), len(of_frames)) - 1])
 
 
@@ -137,11 +137,11 @@ def _measure_steps(points: np.ndarray, sizes: np.ndarray, before: int, after: in
 
 def _pick(points: np.ndarray, person: _Person) -> np.ndarray:
     """Return a person's keypoints (V, F, K, 3)."""
-    own = np.full((*points.shape[:2], *points.shape[3:]), np.nan)
+    picked = np.full((*points.shape[:2], *points.shape[3:]), np.nan)
     for frame, chosen in person.chosen.items():
         for view in np.flatnonzero(chosen >= 0):
-            own[view, frame] = points[view, frame, chosen[view]]
-    return own
+            picked[view, frame] = points[view, frame, chosen[view]]
+    return picked
 
 
 class _Search:
@@ -171,36 +171,36 @@ class _Search:
                 costs[:, ~free[view]] = np.inf
             for k, n in match_pairs(costs, _FOLLOWED):
                 chosen[k, view] = n
-        for one, own in zip(going, chosen, strict=True):
-            found = self._locate(own, frame)
-            if found is None:
+        for one, rows in zip(going, chosen, strict=True):
+            joints = self._locate(rows, frame)
+            if joints is None:
                 continue
-            one.points = np.where(np.isfinite(found), found, one.points)
-            one.take(own, frame)
-            seen = np.flatnonzero(own >= 0)
-            free[seen, own[seen]] = False
+            one.points = np.where(np.isfinite(joints), joints, one.points)
+            one.take(rows, frame)
+            seen = np.flatnonzero(rows >= 0)
+            free[seen, rows[seen]] = False
         while (new := self._find_new(frame, free)) is not None:
             seen = np.flatnonzero(new >= 0)
             free[seen, new[seen]] = False  # also of those that are left out then
-            found = self._locate(new, frame)
-            if found is not None:
-                one = self._find_returning(found, frame)
-                one.points = found
+            joints = self._locate(new, frame)
+            if joints is not None:
+                one = self._find_returning(joints, frame)
+                one.points = joints
                 one.take(new, frame)
 
-    def _locate(self, own: np.ndarray, frame: int) -> np.ndarray | None:
+    def _locate(self, rows: np.ndarray, frame: int) -> np.ndarray | None:
         """Take those of cameras that contradict the others out of the persons (V,) of a frame;
         return the points (K, 3) m of the rest, None if they are nobody."""
-        found = self._triangulate(own, frame)
-        for view in np.flatnonzero(own >= 0).tolist():
-            away = self._away(found, view, frame)[own[view]]
-            if (own >= 0).sum() > 2 and away > _LARGEST_ERROR:
-                own[view] = -1
-        if (own >= 0).sum() < 2:
+        joints = self._triangulate(rows, frame)
+        for view in np.flatnonzero(rows >= 0).tolist():
+            away = self._away(joints, view, frame)[rows[view]]
+            if (rows >= 0).sum() > 2 and away > _LARGEST_ERROR:
+                rows[view] = -1
+        if (rows >= 0).sum() < 2:
             return None
-        found = self._triangulate(own, frame)
-        enough = np.isfinite(found).all(-1).sum() >= _LEAST_POINTS
-        return found if enough else None
+        joints = self._triangulate(rows, frame)
+        enough = np.isfinite(joints).all(-1).sum() >= _LEAST_POINTS
+        return joints if enough else None
 
     def _find_returning(self, points: np.ndarray, frame: int) -> _Person:
         """Return who of those that are lost is nearest to the points (K, 3) m and can have come
@@ -229,37 +229,37 @@ class _Search:
         for first, second in combinations(range(len(self.rig)), 2):
             for a in np.flatnonzero(free[first]):
                 for b in np.flatnonzero(free[second]):
-                    own = np.full(len(self.rig), -1)
-                    own[[first, second]] = a, b
-                    error = self._complete(own, frame, free)
-                    if ((own >= 0).sum(), -error) > rank and error < _LARGEST_ERROR:
-                        best, rank = own, (int((own >= 0).sum()), -error)
+                    rows = np.full(len(self.rig), -1)
+                    rows[[first, second]] = a, b
+                    error = self._complete(rows, frame, free)
+                    if ((rows >= 0).sum(), -error) > rank and error < _LARGEST_ERROR:
+                        best, rank = rows, (int((rows >= 0).sum()), -error)
         return best
 
-    def _complete(self, own: np.ndarray, frame: int, free: np.ndarray) -> float:
+    def _complete(self, rows: np.ndarray, frame: int, free: np.ndarray) -> float:
         """Add to a pair of persons (V,) those of the other cameras that fit; return the greatest
         distance, see `_away`."""
-        pair = np.flatnonzero(own >= 0).tolist()
-        found = self._triangulate(own, frame)
-        if np.isfinite(found).all(-1).sum() < _LEAST_POINTS:
+        pair = np.flatnonzero(rows >= 0).tolist()
+        joints = self._triangulate(rows, frame)
+        if np.isfinite(joints).all(-1).sum() < _LEAST_POINTS:
             return np.inf
-        error = max(self._away(found, view, frame)[own[view]] for view in pair)
+        error = max(self._away(joints, view, frame)[rows[view]] for view in pair)
         for view in range(len(self.rig)):
-            if own[view] >= 0 or not free[view].any():
+            if rows[view] >= 0 or not free[view].any():
                 continue
-            away = np.where(free[view], self._away(found, view, frame), np.inf)
+            away = np.where(free[view], self._away(joints, view, frame), np.inf)
             if away.min() < _LARGEST_ERROR:
-                own[view] = away.argmin()
+                rows[view] = away.argmin()
                 error = max(error, float(away.min()))
         return float(error)
 
-    def _triangulate(self, own: np.ndarray, frame: int) -> np.ndarray:
+    def _triangulate(self, rows: np.ndarray, frame: int) -> np.ndarray:
         """Return the points (K, 3) m of the persons (V,), NaN where cameras disagree."""
         seen = np.full((len(self.rig), *self.straight.shape[3:]), np.nan)
         sizes = []
-        for view in np.flatnonzero(own >= 0):
-            seen[view] = self.straight[view, frame, own[view]]
-            sizes.append(self.sizes[view, frame, own[view]])
+        for view in np.flatnonzero(rows >= 0):
+            seen[view] = self.straight[view, frame, rows[view]]
+            sizes.append(self.sizes[view, frame, rows[view]])
         limit = 2 * _LARGEST_ERROR * float(np.median(sizes)) if sizes else 1.0
         return triangulate(self.rig, seen, TriangulationConfig(max_error=max(limit, 1.0))).points
 
@@ -269,8 +269,8 @@ class _Search:
         seen = self.straight[view, frame]
         camera = CameraRig((self.rig[view],))
         count, k = seen.shape[:2]
-        shown = np.broadcast_to(points, (count, k, 3)).reshape(-1, 3)
-        off = reprojection_errors(camera, seen.reshape(1, -1, 3), shown)[0].reshape(count, k)
+        joints = np.broadcast_to(points, (count, k, 3)).reshape(-1, 3)
+        off = reprojection_errors(camera, seen.reshape(1, -1, 3), joints)[0].reshape(count, k)
         known = np.isfinite(off)
         least = _LEAST_POINTS
         median = np.array([np.median(row[fine]) if fine.sum() >= least else np.inf
@@ -313,7 +313,7 @@ def _locate_person(points: np.ndarray, rig: CameraRig) -> np.ndarray:
     with np.errstate(invalid="ignore"):
         means = np.where(seen[..., None], points, 0).sum(2) / seen.sum(2)[..., None]
     directions = [
-        camera.rays(of[:, :2].astype(np.float64)) for camera, of in zip(rig, means, strict=True)
+        camera.rays(mean[:, :2].astype(np.float64)) for camera, mean in zip(rig, means, strict=True)
     ]
     centres = np.array([camera.centre for camera in rig])
     return intersect_rays(centres, np.stack(directions, axis=1))

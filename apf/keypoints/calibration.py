@@ -43,8 +43,8 @@ def calibrate_by_keypoints(
     world has Z up, Z = 0 on the floor, and the scale of `config.stature`. Raises InputError if the
     cameras cannot be found, or if the keypoints are no landmarks.
     """
-    found = find_landmarks(keypoints.names)
-    used = {k: of.name for k, of in found.items() if of.name.split("_", 1)[-1] in _USED}
+    landmarks = find_landmarks(keypoints.names)
+    used = {k: at.name for k, at in landmarks.items() if at.name.split("_", 1)[-1] in _USED}
     if len(used) < _FEWEST:
         raise InputError(
             f"the keypoints have {len(used)} of the points that are used ({join_names(_USED)}, of "
@@ -53,8 +53,8 @@ def calibrate_by_keypoints(
     names = list(used.values())
     longest = round(config.longest_lag * rate)
     points = keypoints.points[:, :, list(used)]
-    own = calibrate_by_points(cameras, points, longest, config, _find_segments(names))
-    return _align(own, names, _place_standing(names, config.stature))
+    result = calibrate_by_points(cameras, points, longest, config, _find_segments(names))
+    return _align(result, names, _place_standing(names, config.stature))
 
 
 def _place_standing(names: Sequence[str], stature: float) -> dict[str, np.ndarray]:
@@ -68,8 +68,8 @@ def _place_standing(names: Sequence[str], stature: float) -> dict[str, np.ndarra
 
 def _find_segments(names: list[str]) -> list[tuple[int, int]]:
     """Return the pairs of landmarks, by their index, whose distance stays the same."""
-    found = [[f"{side}_{name}" for name in pair] for side in "lr" for pair in _SEGMENTS]
-    return [(names.index(a), names.index(b)) for a, b in found if a in names and b in names]
+    segments = [[f"{side}_{name}" for name in pair] for side in "lr" for pair in _SEGMENTS]
+    return [(names.index(a), names.index(b)) for a, b in segments if a in names and b in names]
 
 
 def _align(
@@ -95,7 +95,7 @@ def _align(
 def _measure_scale(points: np.ndarray, names: list[str], standing: dict[str, np.ndarray]) -> float:
     """Return the metres per unit of points (F, K, 3), by the sum of the median lengths of
     segments and of the distance from ankles to shoulders."""
-    found = [float(np.linalg.norm(_measure_up(points, names)))]
+    lengths = [float(np.linalg.norm(_measure_up(points, names)))]
     ends = [standing[f"l_{name}"] for name in ("shoulder", "ankle")]
     wanted = [float((ends[0] - ends[1])[2])]
     for side in "lr":
@@ -103,9 +103,9 @@ def _measure_scale(points: np.ndarray, names: list[str], standing: dict[str, np.
             own = [f"{side}_{name}" for name in pair]
             if set(own) <= set(names):
                 a, b = (points[:, names.index(end)] for end in own)
-                found.append(float(np.nanmedian(np.linalg.norm(a - b, axis=-1))))
+                lengths.append(float(np.nanmedian(np.linalg.norm(a - b, axis=-1))))
                 wanted.append(float(np.linalg.norm(standing[own[0]] - standing[own[1]])))
-    return sum(wanted) / sum(found)
+    return sum(wanted) / sum(lengths)
 
 
 def _measure_up(points: np.ndarray, names: list[str]) -> np.ndarray:
@@ -113,7 +113,7 @@ def _measure_up(points: np.ndarray, names: list[str]) -> np.ndarray:
     person does not bend then."""
     ends = []
     for name in ("ankle", "shoulder"):
-        columns = [k for k, own in enumerate(names) if own.endswith(f"_{name}")]
+        columns = [k for k, column in enumerate(names) if column.endswith(f"_{name}")]
         if len(columns) < 2:
             raise InputError(
                 f"the keypoints have no {name}s; expected them, for they tell what is up"

@@ -113,11 +113,11 @@ def _estimate_camera(job: EstimationJob, camera: str, n_frames: int) -> np.ndarr
             if _shared["stop"].is_set():
                 break
             picture = first_picture(frame, view.size)
-            found = [find(picture, frame.index) for find in finders]
-            found += [alone(frame)] if alone is not None else []
-            for own, person in zip(points, found, strict=True):
+            persons = [find(picture, frame.index) for find in finders]
+            persons += [alone(frame)] if alone is not None else []
+            for row, person in zip(points, persons, strict=True):
                 if person is not None:
-                    own[frame.index] = person
+                    row[frame.index] = person
             with _shared["done"].get_lock():
                 _shared["done"].value += 1
     return points

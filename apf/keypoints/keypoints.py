@@ -98,7 +98,7 @@ class Keypoints:
                 people = associate_people(points, sequence.rig, sequence.fps, most)
         if not people:
             raise InputError(f"{path}: no person is seen alike by several cameras")
-        return [cls(own, raw.names, names, tuple(notes)) for own in people]
+        return [cls(person, raw.names, names, tuple(notes)) for person in people]
 
     def select_cameras(self, names: Sequence[str]) -> Keypoints:
         """Return the keypoints of these cameras, in this order. Raises InputError."""
@@ -117,10 +117,10 @@ class Keypoints:
         cameras: one for each of `camera_names`, in this order. Points that cannot be undistorted
         become missing. Raises InputError.
         """
-        found = tuple(camera.name for camera in cameras)
-        if found != self.camera_names:
+        names = tuple(camera.name for camera in cameras)
+        if names != self.camera_names:
             raise InputError(
-                f"cameras are {join_names(found)}; expected those of the keypoints, "
+                f"cameras are {join_names(names)}; expected those of the keypoints, "
                 f"{join_names(self.camera_names)}"
             )
         return replace(self, points=undistort_points(cameras, self.points))

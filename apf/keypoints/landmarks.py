@@ -111,16 +111,16 @@ class _Entry(Table):
 def parse_landmarks(entries: Any, path: Path, kind: str) -> tuple[Landmark, ...]:
     """Parse the points of the tables [[kind]] of a file. Raises InputError."""
     tables = parse_values(dict[str, list[_Entry]], {kind: entries}, path)
-    found = [landmark for entry in tables[kind] for landmark in _make_landmarks(entry)]
-    if not found:
+    landmarks = [landmark for entry in tables[kind] for landmark in _make_landmarks(entry)]
+    if not landmarks:
         raise InputError(f"{path}: holds no [[{kind}]]")
     by_alias: dict[str, str] = {}
-    for landmark in found:
+    for landmark in landmarks:
         for alias in landmark.aliases:
             other = by_alias.setdefault(alias, landmark.name)
             if other != landmark.name:
                 raise InputError(f"{path}: {alias} is a name of both {other} and {landmark.name}")
-    return tuple(found)
+    return tuple(landmarks)
 
 
 def _make_landmarks(entry: _Entry) -> list[Landmark]:
@@ -158,23 +158,23 @@ def find_landmarks(
     by_alias = {
         alias: landmark for landmark in landmarks or load_landmarks() for alias in landmark.aliases
     }
-    found: dict[int, Landmark] = {}
+    by_point: dict[int, Landmark] = {}
     for index, name in enumerate(names):
         landmark = by_alias.get(normalise_name(name))
-        if landmark is not None and landmark not in found.values():
-            found[index] = landmark
-    return found
+        if landmark is not None and landmark not in by_point.values():
+            by_point[index] = landmark
+    return by_point
 
 
 def landmark_edges(names: Sequence[str]) -> list[tuple[int, int]]:
     """Return the pairs of indices of landmarks `names` to join by lines."""
-    found = []
+    edges = []
     for a, b in read_toml(LANDMARKS)["edges"]:
         for side in ("", "l_", "r_"):
             ends = [name if name in names else side + name for name in (a, b)]
             if all(end in names for end in ends):
-                found.append((names.index(ends[0]), names.index(ends[1])))
-    return list(dict.fromkeys(found))
+                edges.append((names.index(ends[0]), names.index(ends[1])))
+    return list(dict.fromkeys(edges))
 
 
 def locate_points(
@@ -188,14 +188,14 @@ def locate_points(
     of_stature: stature, m, that the landmarks' lengths refer to; they are scaled to the body's
     stature. Points whose joint the body lacks are left out. Raises InputError if none is left.
     """
-    found = find_landmarks(names, landmarks)
-    columns = [index for index, landmark in found.items() if landmark.joint in body.joint_names]
+    known = find_landmarks(names, landmarks)
+    columns = [index for index, landmark in known.items() if landmark.joint in body.joint_names]
     if not columns:
         raise InputError(
             f"none of the keypoints {join_names(names)} is a point on the body {body.name}; "
             "expected names such as left_shoulder or LShoulder"
         )
-    chosen = [found[index] for index in columns]
+    chosen = [known[index] for index in columns]
     scale = stature(body) / of_stature
     places = [_locate_landmark(body, landmark, scale) for landmark in chosen]
     points = [landmark.name for landmark in chosen]
@@ -207,8 +207,8 @@ def locate_points(
         spreads=np.array([scale * landmark.spread for landmark in chosen]),
         partners=np.array(
             [
-                points.index(landmark.partner) if landmark.partner in points else own
-                for own, landmark in enumerate(chosen)
+                points.index(landmark.partner) if landmark.partner in points else row
+                for row, landmark in enumerate(chosen)
             ]
         ),
     )

@@ -55,11 +55,11 @@ class PoseNetwork:
         None if it finds nobody.
         """
         rgb = np.ascontiguousarray(picture[..., ::-1])
-        found = self._pose.process(rgb).pose_landmarks
-        if found is None:
+        joints = self._pose.process(rgb).pose_landmarks
+        if joints is None:
             return None
         height, width = picture.shape[:2]
-        points = np.array([(p.x, p.y, p.visibility) for p in found.landmark])
+        points = np.array([(p.x, p.y, p.visibility) for p in joints.landmark])
         points[:, :2] = points[:, :2] * (width, height) - 0.5  # pixel centres are at integers
         points[:, 2] = points[:, 2].clip(0, 1)
         return points

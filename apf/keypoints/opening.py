@@ -156,11 +156,11 @@ def match_persons(
     names = _get_camera_names(cameras)
     notes = list(raw.notes)
     if names is None:
-        names, of = list(raw.views), {name: name for name in raw.views}
+        names, view_of = list(raw.views), {name: name for name in raw.views}
     else:
-        of, note = match_cameras(raw, names)
+        view_of, note = match_cameras(raw, names)
         notes += [note] if note else []
-    views = {camera: raw.views[name] for camera, name in of.items()}
+    views = {camera: raw.views[name] for camera, name in view_of.items()}
     views, placed = _place_frames(raw, views, cameras)
     notes += placed
     length = _count_frames(raw, views, cameras)
@@ -196,28 +196,28 @@ def match_cameras(raw: RawKeypoints, cameras: Sequence[str]) -> tuple[dict[str, 
     others have no view. If none is found, and there are as many views as cameras, they are paired
     in natural order. Raises InputError.
     """
-    of: dict[str, str] = {}
+    view_of: dict[str, str] = {}
     for camera in cameras if raw.named else ():
         same = [name for name in raw.views if name_tokens(name) == name_tokens(camera)]
-        found = same or [name for name in raw.views if contains_name(name, camera)]
-        if len(found) > 1:
+        candidates = same or [name for name in raw.views if contains_name(name, camera)]
+        if len(candidates) > 1:
             raise InputError(
-                f"{raw.path}: {join_names(found)} could all be camera {camera}; expected one of "
-                "them: name those of one take, such as Videos/Cam*/OutputPkl*/jump"
+                f"{raw.path}: {join_names(candidates)} could all be camera {camera}; expected "
+                "one of them: name those of one take, such as Videos/Cam*/OutputPkl*/jump"
             )
-        if found:
-            of[camera] = found[0]
-    twice = [name for name in of.values() if list(of.values()).count(name) > 1]
-    if of and not twice:
-        missing = [camera for camera in cameras if camera not in of]
+        if candidates:
+            view_of[camera] = candidates[0]
+    twice = [name for name in view_of.values() if list(view_of.values()).count(name) > 1]
+    if view_of and not twice:
+        missing = [camera for camera in cameras if camera not in view_of]
         if not missing:
-            return of, None
-        return of, f"{raw.path}: no keypoints of camera {join_names(missing)}"
+            return view_of, None
+        return view_of, f"{raw.path}: no keypoints of camera {join_names(missing)}"
     if len(raw.views) == len(cameras):
         ordered = sorted(raw.views, key=natural_key)
-        of = dict(zip(sorted(cameras, key=natural_key), ordered, strict=True))
-        pairs = ", ".join(f"{name} for {camera}" for camera, name in of.items())
-        return of, f"{raw.path}: cameras are not named; taken in order: {pairs}"
+        view_of = dict(zip(sorted(cameras, key=natural_key), ordered, strict=True))
+        pairs = ", ".join(f"{name} for {camera}" for camera, name in view_of.items())
+        return view_of, f"{raw.path}: cameras are not named; taken in order: {pairs}"
     raise InputError(
         f"{raw.path}: keypoints of {len(raw.views)} cameras ({join_names(raw.views)}); expected "
         f"those of {join_names(cameras)}"
@@ -252,15 +252,15 @@ def _count_frames(
     counts = {camera: len(view) for camera, view in views.items()}
     if not isinstance(cameras, Footage):
         if len(set(counts.values())) > 1:
-            found = join_names(f"{camera} {count}" for camera, count in counts.items())
-            raise InputError(f"{raw.path}: the cameras' numbers of frames differ: {found}")
+            stated = join_names(f"{camera} {count}" for camera, count in counts.items())
+            raise InputError(f"{raw.path}: the cameras' numbers of frames differ: {stated}")
         return next(iter(counts.values()))
     media = cameras.footage.images or cameras.footage.masks or ()
-    own = dict(zip(cameras.rig.names, (pictures.count for pictures in media), strict=True))
+    lengths = dict(zip(cameras.rig.names, (pictures.count for pictures in media), strict=True))
     wrong = [
-        f"{camera} {count} (its video {own[camera]})"
+        f"{camera} {count} (its video {lengths[camera]})"
         for camera, count in counts.items()
-        if count not in (own[camera], len(cameras))
+        if count not in (lengths[camera], len(cameras))
     ]
     if wrong:
         raise InputError(

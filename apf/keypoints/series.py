@@ -22,7 +22,7 @@ def fill_gaps(points: np.ndarray, longest: int | None = None) -> np.ndarray:
         known = np.isfinite(points[:, k]).all(-1)
         for gap in find_true_runs(~known) if known.any() else ():
             if longest is None or gap.stop - gap.start <= longest:
-                axes = [np.interp(frames[gap], frames[known], of) for of in points[known, k].T]
+                axes = [np.interp(frames[gap], frames[known], axis) for axis in points[known, k].T]
                 filled[gap, k] = np.stack(axes, -1)
     return filled
 

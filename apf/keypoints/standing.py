@@ -37,9 +37,9 @@ class PersonFinder:
         self._person = person
         self._follows = False
         regions = [self._find_region(position) for position in people.positions[:, person]]
-        shown = np.array([region for region in regions if region is not None]).reshape(-1, 4)
+        boxes = np.array([region for region in regions if region is not None]).reshape(-1, 4)
         self._crop = np.concatenate(
-            [shown[:, :2].min(0, initial=2**30), shown[:, 2:].max(0, initial=0)]
+            [boxes[:, :2].min(0, initial=2**30), boxes[:, 2:].max(0, initial=0)]
         )
 
     def __call__(self, picture: np.ndarray, number: int) -> np.ndarray | None:
@@ -72,8 +72,8 @@ class PersonFinder:
         above, _ = self._camera.project(trunks + positions * [0, 0, 0.25])
         height = 4 * np.linalg.norm(above - pixels, axis=1)[self._person]
         away = np.linalg.norm(pixels - points[_TRUNK, :2].mean(0), axis=1)
-        own = away[self._person]
-        return points if own < _REACH * height and own <= np.nanmin(away) else None
+        distances = away[self._person]
+        return points if distances < _REACH * height and distances <= np.nanmin(away) else None
 
     def _find_region(self, position: np.ndarray) -> np.ndarray | None:
         """Return the region (4,) int, left, top, right, bottom px, about a position (3,): x, y and

@@ -62,15 +62,15 @@ def find_part(body: BodyModel, cone: int, share: float) -> int:
     The end of a cone beyond a joint on it, such as a hand beyond the wrist, is bare skin like the
     head; it counts as head, if the body has one.
     """
-    own, names = body.cones[cone], list_part_names(body)
-    if not own.in_images:
+    shape, names = body.cones[cone], list_part_names(body)
+    if not shape.in_images:
         return -1
-    axis = own.end - own.start
+    axis = shape.end - shape.start
     for joint in body.joints:
-        at = float((joint.position - own.start) @ axis / (axis @ axis))
-        if joint.bone == own.bone and 0.5 < at < 1 and share > at and "head" in names:
+        at = float((joint.position - shape.start) @ axis / (axis @ axis))
+        if joint.bone == shape.bone and 0.5 < at < 1 and share > at and "head" in names:
             return names.index("head")
-    return names.index(_strip_side(own.name))
+    return names.index(_strip_side(shape.name))
 
 
 def list_scored_parts(body: BodyModel, rows: np.ndarray) -> np.ndarray:

@@ -89,10 +89,10 @@ class Corrections:
     @property
     def by_frame(self) -> dict[int, dict[str, Correction]]:
         """The corrected joints of each corrected frame, by name, frames ascending."""
-        found: dict[int, dict[str, Correction]] = {}
+        joints_of: dict[int, dict[str, Correction]] = {}
         for point in sorted(self.point, key=lambda point: point.frame):
-            found.setdefault(point.frame, {})[point.joint] = point
-        return found
+            joints_of.setdefault(point.frame, {})[point.joint] = point
+        return joints_of
 
     def describe(self) -> list[str]:
         """Return lines that list them."""
@@ -113,8 +113,8 @@ def list_corrections(track: Track) -> list[str]:
 
 def read_corrections(path: Path) -> Corrections:
     """Read a file of `write_corrections`. Raises InputError, or MissingFileError."""
-    found = parse_values(Corrections, read_toml(path), path)
-    return replace(found, track=path.parent / found.track)
+    corrections = parse_values(Corrections, read_toml(path), path)
+    return replace(corrections, track=path.parent / corrections.track)
 
 
 def write_corrections(path: Path, corrections: Corrections) -> None:
@@ -131,22 +131,22 @@ def observe_corrections(
     numbers = [body.joint_names.index(name) for name in names]
     places = np.array([joints[name].position for name in names], float).reshape(-1, 3)
     errors = np.array([joints[name].error for name in names])
-    found: list[tuple[int, int, np.ndarray, float]] = []
+    sightings: list[tuple[int, int, np.ndarray, float]] = []
     for view, camera in enumerate(rig):
         inside = places @ camera.R.T + camera.t
         for point in np.flatnonzero(inside[:, 2] > errors):
             x, y, depth = inside[point]
             pixel = camera.K[:2, :2] @ (x / depth, y / depth) + camera.K[:2, 2]
             focal = (camera.K[0, 0] + camera.K[1, 1]) / 2
-            found.append((int(point), view, pixel, float(depth / (focal * errors[point]))))
+            sightings.append((int(point), view, pixel, float(depth / (focal * errors[point]))))
     return PointObservations(
         bone=np.array([body.joints[number].bone for number in numbers], int),
         position=np.array([body.joints[number].position for number in numbers]).reshape(-1, 3),
-        point=np.array([point for point, _, _, _ in found], int),
-        partner=np.full(len(found), -1),
-        camera=np.array([view for _, view, _, _ in found], int),
-        pixel=np.array([pixel for _, _, pixel, _ in found], float).reshape(-1, 2),
-        inverse_scale=np.array([scale for _, _, _, scale in found], float),
+        point=np.array([point for point, _, _, _ in sightings], int),
+        partner=np.full(len(sightings), -1),
+        camera=np.array([view for _, view, _, _ in sightings], int),
+        pixel=np.array([pixel for _, _, pixel, _ in sightings], float).reshape(-1, 2),
+        inverse_scale=np.array([scale for _, _, _, scale in sightings], float),
         most=len(names) * len(rig),
     )
 
@@ -168,8 +168,8 @@ def correct_pose(body: BodyModel, pose: np.ndarray, joints: dict[str, Correction
     for bone, chosen in zip(body.bones, bones, strict=True):
         for axis in bone.axes:
             free[axis.dof] |= bool(chosen)
-    found: np.ndarray = solve_inverse_kinematics(body, pose[None], free, wanted, places, near=1e-3)
-    return found[0]
+    poses: np.ndarray = solve_inverse_kinematics(body, pose[None], free, wanted, places, near=1e-3)
+    return poses[0]
 
 
 def hold_corrections(
@@ -177,11 +177,11 @@ def hold_corrections(
 ) -> np.ndarray:
     """Return a pose (D,) whose corrected joints, by name, are no farther from their places than the
     stated errors: each joint that is goes to its error's edge by `correct_pose`."""
-    found = dict(zip(body.joint_names, posed_joints(body, pose[None])[0], strict=True))
+    joints_now = dict(zip(body.joint_names, posed_joints(body, pose[None])[0], strict=True))
     held, far = dict[str, Correction](), False
     for name, point in joints.items():
         goal = np.array(point.position)
-        off = found[name] - goal
+        off = joints_now[name] - goal
         share = point.error / max(float(np.linalg.norm(off)), point.error)
         far |= share < 1
         x, y, z = (goal + share * off).tolist()

@@ -48,10 +48,10 @@ def detect_standing(ankles: np.ndarray, times: np.ndarray) -> np.ndarray:
     ankles: (F, K, 3) m, smooth, NaN where unknown, at `times` (F,) s.
     """
     n_feet = ankles.shape[1]
-    found: np.ndarray = np.zeros((len(ankles), n_feet), bool)
+    stands: np.ndarray = np.zeros((len(ankles), n_feet), bool)
     known = np.isfinite(ankles).all(axis=(1, 2))
     if known.sum() < 2 or not n_feet:
-        return found
+        return stands
     speed: np.ndarray = np.full((len(ankles), n_feet), np.inf)
     for part in find_true_runs(known):
         speed[part] = _measure_speed(ankles[part, :, :2], times[part], _MOMENT)
@@ -69,8 +69,8 @@ def detect_standing(ankles: np.ndarray, times: np.ndarray) -> np.ndarray:
             if len(begins) and lasts >= _MOMENT:
                 stance = slice(run.start + begins[0], run.stop)
                 corners = np.ptp(ankles[stance, foot, :2], axis=0)
-                found[stance, foot] = np.linalg.norm(corners) < _LONGEST_SLIDE
-    return found
+                stands[stance, foot] = np.linalg.norm(corners) < _LONGEST_SLIDE
+    return stands
 
 
 def detect_flat_feet(ankles: np.ndarray, stands: np.ndarray) -> np.ndarray:
@@ -78,12 +78,12 @@ def detect_flat_feet(ankles: np.ndarray, stands: np.ndarray) -> np.ndarray:
 
     ankles: (F, K, 3) m. stands: (F, K) bool, see `detect_standing`.
     """
-    found = np.zeros_like(stands)
+    flat = np.zeros_like(stands)
     for foot in range(stands.shape[1]):
         for stance in find_true_runs(stands[:, foot]):
             height = ankles[stance, foot, 2]
-            found[stance, foot] = height < np.percentile(height, 10) + _FLAT_HEIGHT
-    return found
+            flat[stance, foot] = height < np.percentile(height, 10) + _FLAT_HEIGHT
+    return flat
 
 
 def _measure_speed(points: np.ndarray, times: np.ndarray, window: float) -> np.ndarray:
@@ -165,7 +165,7 @@ def raise_soles(body: BodyModel, poses: np.ndarray) -> np.ndarray:
         turned[:, pitch] += _SMALL
         slopes = (soles(turned) - heights) / _SMALL
         end = heights.argmin(-1)[..., None]
-        height, slope = (np.take_along_axis(of, end, -1)[..., 0] for of in (heights, slopes))
+        height, slope = (np.take_along_axis(v, end, -1)[..., 0] for v in (heights, slopes))
         with np.errstate(divide="ignore", invalid="ignore"):
             up = np.nan_to_num(np.where(height < 0, -height / slope, 0.0))
             level = np.nan_to_num(-np.diff(heights) / np.diff(slopes))[..., 0]

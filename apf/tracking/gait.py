@@ -85,14 +85,14 @@ def measure_gait(track: Track) -> Gait | None:
         return None
     points = np.stack([place[name] for name in (HIPS, *ANKLES)], 1)
     known = np.isfinite(points).all(axis=(1, 2)) & ~track.lost
-    walks = [_measure_walk(track, part, points[part]) for part in find_true_runs(known)]
+    walks = [_measure_walk(track, run, points[run]) for run in find_true_runs(known)]
     return max((walk for walk in walks if walk), key=lambda walk: walk.n_steps, default=None)
 
 
-def _measure_walk(track: Track, part: slice, points: np.ndarray) -> Gait | None:
+def _measure_walk(track: Track, run: slice, points: np.ndarray) -> Gait | None:
     """Return the walk in frames without a gap, or None; points (F, 3, 3) m: pelvis, left ankle,
     right ankle."""
-    times, pelvis = track.times[part], points[:, 0, :2]
+    times, pelvis = track.times[run], points[:, 0, :2]
     if len(times) < 3:
         return None
     velocity = _measure_velocity(pelvis, times)
@@ -102,18 +102,18 @@ def _measure_walk(track: Track, part: slice, points: np.ndarray) -> Gait | None:
         return None
     ahead = velocity / np.maximum(speed, 1e-9)[:, None]
     reach = np.einsum("fka,fa->fk", points[:, 1:, :2] - pelvis[:, None], ahead)
-    found = [
+    steps = [
         (row, kind, foot)
         for foot in range(2)
         for kind, sign in (("strike", 1.0), ("off", -1.0))
         for row in find_peaks(sign * reach[:, foot], _LEAST_SWING)
         if walking[row]
     ]
-    strikes = sorted((row, foot) for row, kind, foot in found if kind == "strike")
+    strikes = sorted((row, foot) for row, kind, foot in steps if kind == "strike")
     if len(strikes) < 3:  # fewer than two steps
         return None
     lengths = _measure_steps(strikes, points, reach)
-    frames = track.frames[part]
+    frames = track.frames[run]
     events = [
         GaitEvent(
             kind,
@@ -122,7 +122,7 @@ def _measure_walk(track: Track, part: slice, points: np.ndarray) -> Gait | None:
             float(times[row]),
             lengths.get((row, foot)) if kind == "strike" else None,
         )
-        for row, kind, foot in sorted(found)
+        for row, kind, foot in sorted(steps)
     ]
     first, last = strikes[0][0], strikes[-1][0]
     path = np.linalg.norm(np.diff(pelvis[first : last + 1], axis=0), axis=1).sum()

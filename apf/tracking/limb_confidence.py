@@ -67,11 +67,11 @@ def limb_margins(
     if n_candidates < 2:
         return np.full((n_frames, len(ends)), np.nan)
     chosen = np.abs(candidates - poses[:, None]).max(-1).argmin(1)
-    own = np.take_along_axis(errors, chosen[:, None], 1)
+    errors_now = np.take_along_axis(errors, chosen[:, None], 1)
     tried = posed_joints(body, candidates.reshape(-1, body.n_dof))[:, ends]
     tried = tried.reshape(n_frames, n_candidates, len(ends), 3)
     moved = np.linalg.norm(tried - posed_joints(body, poses)[:, None, ends], axis=-1)
-    excess = (errors - own) / np.maximum(np.abs(own), 1e-6)
+    excess = (errors - errors_now) / np.maximum(np.abs(errors_now), 1e-6)
     margins: np.ndarray = np.where(moved > SAME_PLACE, excess[..., None], np.inf).min(1)
     return np.maximum(margins, 0.0)
 
@@ -121,8 +121,8 @@ def _measure_jitter(ends: np.ndarray, times: np.ndarray) -> np.ndarray:
     velocities = np.diff(ends, axis=0) / np.maximum(steps, 1e-6)
     turns = np.diff(velocities, axis=0) / (0.5 * np.maximum(steps[1:] + steps[:-1], 1e-6))
     speeds = np.linalg.norm(velocities[:-1], axis=-1)
-    found = np.linalg.norm(turns, axis=-1) / (speeds + _REST_SPEED)
-    return np.concatenate([found[:1], found, found[-1:]])
+    jitter = np.linalg.norm(turns, axis=-1) / (speeds + _REST_SPEED)
+    return np.concatenate([jitter[:1], jitter, jitter[-1:]])
 
 
 def _average_over_time(values: np.ndarray, n: int) -> np.ndarray:

@@ -161,8 +161,8 @@ def list_people(folder: Path) -> list[Path]:
     while they are tracked, those with a track. Raises InputError for an invalid list."""
     if holds_people(folder):
         return [folder / person.folder for person in _read_list(folder).persons]
-    found = [path for path in folder.glob("person*") if (path / "track.npz").is_file()]
-    return sorted(found, key=lambda path: (len(path.name), path.name))
+    folders = [path for path in folder.glob("person*") if (path / "track.npz").is_file()]
+    return sorted(folders, key=lambda path: (len(path.name), path.name))
 
 
 def person_folder(folder: Path, number: int) -> Path:

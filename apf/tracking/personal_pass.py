@@ -37,9 +37,9 @@ def fit_personal_body(
     measures, covariance = fit.measure(outlined, _with_ankles(tracks[0].poses, fit)[tracked])
     body = fit.shape.body(measures)
     fitted = []
-    for track, (rows, shown) in zip(tracks, of_each, strict=True):
+    for track, (rows, visible) in zip(tracks, of_each, strict=True):
         poses, diagnostics = _with_ankles(track.poses, fit), dict(track.diagnostics)
-        poses[rows] = fit.pose(measures, shown, poses[rows])
+        poses[rows] = fit.pose(measures, visible, poses[rows])
         poses = smooth_poses(body, poses, rows, round(SMOOTHED_SECONDS * fps) | 1)
         if "deviation" in diagnostics:
             diagnostics["deviation"] = _with_ankles(diagnostics["deviation"], fit)
@@ -56,9 +56,9 @@ def fit_personal_body(
         surface = None
         if outlined:
             surface = fit_surface(body, outlined, fitted[0].poses[tracked], lengths)
-        for track, (rows, shown) in zip(last, of_each, strict=True):
+        for track, (rows, visible) in zip(last, of_each, strict=True):
             stated = np.array(track.covariance)
-            stated[rows] = fit.joint_covariance(measures, covariance, shown, track.poses[rows])
+            stated[rows] = fit.joint_covariance(measures, covariance, visible, track.poses[rows])
             diagnostics = {**track.diagnostics, "covariance": stated}
             completed.append(replace(track, diagnostics=diagnostics, surface=surface))
         return completed

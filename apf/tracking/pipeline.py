@@ -167,12 +167,12 @@ class _Person:
         if not self.frames:
             return False
         methods = with_seeds(self._method, task.seeds)
-        self._trackers = [make_recovering_tracker(self._scene, of) for of in methods]
+        self._trackers = [make_recovering_tracker(self._scene, seeded) for seeded in methods]
         for tracker in self._trackers:
             tracker.start(task.pose)
         self._ways: TwoWays | None = None
         if task.method.goes_back:
-            back = [make_recovering_tracker(self._scene, of) for of in methods]
+            back = [make_recovering_tracker(self._scene, seeded) for seeded in methods]
             self._ways = TwoWays(
                 session.device, self._trackers, back, self._add, self._report, fps=session.rate
             )
@@ -218,13 +218,13 @@ class _Person:
         if not numbers:
             return
         body, fps = self.run.task.body, self.run.session.sequence.fps
-        part = [
+        tracks = [
             build_track(body, fps, numbers[order], list(run), made)
             for made, run in zip(self._provenance, runs, strict=True)
         ]
-        self.parts.append((min(numbers), part))
+        self.parts.append((min(numbers), tracks))
         if keep and self.run.keep is not None:
-            self.parts[-1] = min(numbers), self.run.keep(part) or part
+            self.parts[-1] = min(numbers), self.run.keep(tracks) or tracks
 
     def find_outlines(self) -> None:
         """Complete the outlines of the run."""
@@ -269,12 +269,12 @@ def _observe_people(people: Items[_Person]) -> Iterator[tuple[int, list[Observat
     for index, parts in divided:
         observed = list[Observation]()
         for person in people:
-            part, divided_session = None, person.run.session
+            piece, divided_session = None, person.run.session
             if isinstance(divided_session, PersonSession):
-                part = parts[divided_session.number]
-            if part is not None:
-                divided_session.record_carved(index, cast("Voxels | HostVoxels", part))
-            observed.append(_add_keypoints(person.run.task, index, part))
+                piece = parts[divided_session.number]
+            if piece is not None:
+                divided_session.record_carved(index, cast("Voxels | HostVoxels", piece))
+            observed.append(_add_keypoints(person.run.task, index, piece))
         yield index, observed
 
 
@@ -333,7 +333,7 @@ def _provenance(
             "voxel_size": grid.voxel_size,
             "shape": list(grid.shape),
         }
-    return [{**provenance, **of.describe()} for of in with_seeds(task.method, task.seeds)]
+    return [{**provenance, **seeded.describe()} for seeded in with_seeds(task.method, task.seeds)]
 
 
 def observe_frames(

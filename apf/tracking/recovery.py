@@ -103,26 +103,26 @@ class RecoveringTracker:
 
     def recover_if_lost(self, estimate: Estimate, observation: Observation) -> Estimate:
         """Return the result of `step`, given the tracker's own `estimate` for an observation."""
-        found = self._judge.judge(estimate)
+        judged = self._judge.judge(estimate)
         if not self._recovers:
-            return replace(found, lost=False)
-        if found.lost:
-            found = self._recover(observation, found)
-        if found.lost:
+            return replace(judged, lost=False)
+        if judged.lost:
+            judged = self._recover(observation, judged)
+        if judged.lost:
             self._n_lost += 1
-            return replace(found, pose=self._pose.copy())
+            return replace(judged, pose=self._pose.copy())
         self._n_lost = 0
-        self._pose = found.pose
-        self._judge.accept(found)
-        return found
+        self._pose = judged.pose
+        self._judge.accept(judged)
+        return judged
 
     def _recover(self, observation: Observation, lost: Estimate) -> Estimate:
         """Return the estimate after a restart, or `lost` if no restart succeeds."""
         enough = self._enough(observation)
-        found = self._reacquire(observation, lost) if enough else replace(lost, present=False)
+        recovered = self._reacquire(observation, lost) if enough else replace(lost, present=False)
         # In either case the next frame starts from the last pose in which the person was tracked.
-        self._tracker.start(self._pose if found.lost else found.pose)
-        return found
+        self._tracker.start(self._pose if recovered.lost else recovered.pose)
+        return recovered
 
     def _agree(self, one: Estimate, other: Estimate) -> bool:
         """Return whether two estimates have the joints at nearly the same places, and neither a
@@ -133,17 +133,17 @@ class RecoveringTracker:
         return bool(max(one.misfit, other.misfit) < WORST and apart < SAME_PLACE)
 
     def _reacquire(self, observation: Observation, lost: Estimate) -> Estimate:
-        near = found = self._search_around(self._pose, observation, LOCAL_RESTART)
-        again = self._n_lost % self._retry == 0 and (found.lost or self._always_everywhere)
+        local = best = self._search_around(self._pose, observation, LOCAL_RESTART)
+        again = self._n_lost % self._retry == 0 and (best.lost or self._always_everywhere)
         if again and self._everywhere is not None:
             tried = [
                 self._search_around(pose, observation, GLOBAL_RESTART)
                 for pose in self._everywhere(observation)
             ]
-            found = min([found, *tried], key=lambda estimate: estimate.misfit)
-        if found.lost and self._agree(near, lost):
+            best = min([best, *tried], key=lambda estimate: estimate.misfit)
+        if best.lost and self._agree(local, lost):
             self._pose = lost.pose
-        return lost if found.lost else _match_layers(found, lost)
+        return lost if best.lost else _match_layers(best, lost)
 
     def _search_around(self, pose: np.ndarray, observation: Observation, restart: int) -> Estimate:
         if self._wide is None:
@@ -154,9 +154,9 @@ class RecoveringTracker:
         return self._judge.judge(estimate, restart)
 
 
-def _match_layers(found: Estimate, usual: Estimate) -> Estimate:
-    """Return `found` with only the last of its layers, as many as `usual` has."""
+def _match_layers(best: Estimate, usual: Estimate) -> Estimate:
+    """Return `best` with only the last of its layers, as many as `usual` has."""
     last = slice(-len(usual.ess), None)
     return replace(
-        found, ess=found.ess[last], beta=found.beta[last], least_error=found.least_error[last]
+        best, ess=best.ess[last], beta=best.beta[last], least_error=best.least_error[last]
     )

@@ -65,12 +65,12 @@ def apply_corrections(
     track = task.track
     corrections.check(track)
     wanted = corrections.by_frame
-    found: dict[int, Estimate] = {}
+    estimates: dict[int, Estimate] = {}
     for frame, stop in find_courses(track, corrections):
         for number, estimate in _follow(task, wanted, frame, stop, progress):
-            found[number] = estimate
-    if found:
-        track = splice_estimates(track, found, list(wanted))
+            estimates[number] = estimate
+    if estimates:
+        track = splice_estimates(track, estimates, list(wanted))
     return mark_bad(_note_corrections(track, corrections), corrections)
 
 

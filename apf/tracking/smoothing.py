@@ -53,12 +53,12 @@ def smooth_track(track: Track, config: SmoothingConfig | None = None) -> Track:
     poses = unwrap_angles(track.poses, body)
     joints = {tuple(axis.dof for axis in axes): axes for axes in _find_ball_joints(body)}
     single = [dof for dof in range(body.n_dof) if not any(dof in dofs for dofs in joints)]
-    for part in find_unbroken_parts(track):
-        of = poses[part]
-        of[:, single] = smooth_series(of[:, single], variance[part][:, single], times[part], config)
+    for run in find_unbroken_parts(track):
+        angles, noise = poses[run], variance[run]
+        angles[:, single] = smooth_series(angles[:, single], noise[:, single], times[run], config)
         for dofs, axes in joints.items():
-            mean = variance[part][:, dofs].mean(1)
-            of[:, dofs] = _smooth_rotations(of[:, dofs], axes, mean, times[part], config)
+            mean = noise[:, dofs].mean(1)
+            angles[:, dofs] = _smooth_rotations(angles[:, dofs], axes, mean, times[run], config)
     poses = np.where(track.lost[:, None], track.poses, np.clip(poses, body.lower, body.upper))
     diagnostics = dict(track.diagnostics)
     if config.lag is None and config.hold_feet:
@@ -88,8 +88,8 @@ def _hold_feet(track: Track, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]
         return poses, track.standing
     ankles = posed_joints(body, poses)[:, find_ankles(body)]
     stands = detect_standing(np.where(track.lost[:, None, None], np.nan, ankles), times)
-    for part in find_unbroken_parts(track):
-        poses[part] = hold_feet(body, poses[part], times[part], stands[part])
+    for run in find_unbroken_parts(track):
+        poses[run] = hold_feet(body, poses[run], times[run], stands[run])
     return poses, stands
 
 

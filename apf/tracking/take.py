@@ -114,29 +114,29 @@ def start_take(
     """Find the person's body and first pose, the first part of `track_take`."""
     settings = settings or TakeSettings()
     report = progress or (lambda stage: None)
-    method, given = settings.tracked_method, settings.given
+    method, body_and_pose = settings.tracked_method, settings.given
     start: Start | None = None
     frame: int | None = None
     keypoint_fit: KeypointStart | None = None
-    if given is None:
+    if body_and_pose is None:
         check_startable(settings.body_template)  # before anything that takes time
     if settings.keypoints is not None:
         report("keypoints")
         keypoint_fit = fit_to_keypoints(session, settings)
-        if given is None:
+        if body_and_pose is None:
             frame, pose = keypoint_fit.anchored
-            given = keypoint_fit.body, pose
+            body_and_pose = keypoint_fit.body, pose
     if method.uses_voxels:
         check_terms(session.sequence, method)
-    if method.uses_voxels or given is None:
+    if method.uses_voxels or body_and_pose is None:
         check_cameras(session.sequence)
         report("volume")
         automatic_grid(session)
-    if given is None:
+    if body_and_pose is None:
         report("start")
         frame, start = _find_start(session, settings, lambda: report("start"))
-        given = start.body, start.pose
-    body, pose = given
+        body_and_pose = start.body, start.pose
+    body, pose = body_and_pose
     if method.uses_voxels and start is None:
         check_first_pose(automatic_grid(session), body, pose, session.sequence.name)
     points = None if keypoint_fit is None else keypoint_fit.observations
@@ -168,27 +168,27 @@ def track_again(
     `first` one, and with silhouettes and voxels that expect it where that pass has seen it. As of
     a limb that is lost, nothing is held against what lies beside it. If an interrupt or an error
     ends either pass, the first one counts."""
-    own = [
+    personal = [
         (start, take) for start, take in zip(started, first, strict=False)
         if take.body is not start.task.body
     ]  # fmt: skip
-    if not own or any(take.error is not None or take.tracks[0].interrupted for take in first):
+    if not personal or any(take.error is not None or take.tracks[0].interrupted for take in first):
         return list(first)
-    again = [replace(start, task=_expect_body(start, take)) for start, take in own]
+    again = [replace(start, task=_expect_body(start, take)) for start, take in personal]
     report = None if progress is None else lambda stage: progress(f"{stage} again")
-    outlines, error = [dict[int, Outlines]() for _ in own], None
+    outlines, error = [dict[int, Outlines]() for _ in personal], None
     try:
-        seconds = track_once(again, report, (None,) * len(own), outlines)
+        seconds = track_once(again, report, (None,) * len(personal), outlines)
         error = seconds[0].error
         if error is None and not seconds[0].tracks[0].interrupted:
-            found = dict[int, Take]()
-            for (start, take), second, shown in zip(own, seconds, outlines, strict=True):
+            fitted = dict[int, Take]()
+            for (start, take), second, silhouettes in zip(personal, seconds, outlines, strict=True):
                 second = replace(second, seconds=take.seconds + second.seconds)
-                second = fit_personal(start, second, shown, report)
+                second = fit_personal(start, second, silhouettes, report)
                 pairs = zip(take.tracks, second.tracks, strict=True)
                 tracks = [compare_passes(*pair) for pair in pairs]
-                found[id(take)] = replace(second, tracks=tracks)
-            return [found.get(id(take), take) for take in first]
+                fitted[id(take)] = replace(second, tracks=tracks)
+            return [fitted.get(id(take), take) for take in first]
     except KeyboardInterrupt:
         pass
     except UserError as failure:
@@ -252,9 +252,9 @@ def track_once(
         TrackingRun(
             start.session, start.task,
             None if store is None else partial(store, start.task.body, start.task.pose),
-            shown if start.personal else None,
+            silhouettes if start.personal else None,
         )
-        for start, store, shown in zip(started, keep, outlines, strict=True)
+        for start, store, silhouettes in zip(started, keep, outlines, strict=True)
     ]  # fmt: skip
     everybody = track_people(runs, report)
     seconds = time.perf_counter() - began
@@ -313,7 +313,7 @@ def compare_passes(first: Track, second: Track) -> Track:
     moved = np.linalg.norm(first.joints[:, ends] - second.joints[:, ends], axis=-1)
     before = np.maximum(np.maximum(first.diagnostics[passes], moved), LEAST_DISTANCE)
     after = np.maximum(second.diagnostics[passes], LEAST_DISTANCE)
-    stated = {k: of for k, of in second.diagnostics.items() if k != "limb_confidence"}
+    stated = {k: values for k, values in second.diagnostics.items() if k != "limb_confidence"}
     joined = np.where(np.isnan(before), after, np.sqrt(before * after))
     return replace(second, diagnostics={**stated, passes: joined}).judged
 
@@ -364,19 +364,19 @@ def rank_starts(session: Session, progress: Callable[[], object] | None = None) 
                 views[row] = len(points), np.ptp(points[:, 2]), inside
             if progress is not None:
                 progress()
-    shown = views[:, 0] > 0
-    if not shown.any():
+    visible = views[:, 0] > 0
+    if not visible.any():
         raise StartError(
             f"nobody is seen in {len(picked)} frames spread over the take: fewer than "
             f"{LEAST_VOXELS} surface voxels in each; expected a person in view of all cameras "
             f"for a second{', in the stated --volume' if session.sequence.volume else ''}"
         )
-    quality = np.minimum(views / np.quantile(views[shown], 0.75, axis=0), 1).prod(1)
+    quality = np.minimum(views / np.quantile(views[visible], 0.75, axis=0), 1).prod(1)
     lasting = config.duration * session.sequence.fps
     later = np.abs(picked - picked[:, None])
     within = np.triu(later <= lasting)
-    during = (within * quality).sum(1) / within.sum(1) * shown
-    if (whole := shown & (later[:, -1] >= lasting)).any():
+    during = (within * quality).sum(1) / within.sum(1) * visible
+    if (whole := visible & (later[:, -1] >= lasting)).any():
         during *= whole  # a start before the take's end has fewer frames
     alike = np.flatnonzero(during >= (1 - _ALIKE) * during.max())
     spread = alike[pick_evenly(len(alike), _TRIES)]
@@ -425,9 +425,9 @@ def fit_to_keypoints(session: Session, settings: TakeSettings) -> KeypointStart:
     """Return the fit to the keypoints of the selected frames, which the settings must have. A given
     body keeps its shape, and only its poses and the positions of the keypoints on it are fitted."""
     assert settings.keypoints is not None
-    given = settings.given
+    stated = settings.given
     return start_from_keypoints(
-        session.rig, settings.keypoints, settings.body_template if given is None else given[0],
+        session.rig, settings.keypoints, settings.body_template if stated is None else stated[0],
         session.frames,
-        height=settings.height, keep_shape=settings.keep_shape or given is not None,
+        height=settings.height, keep_shape=settings.keep_shape or stated is not None,
     )  # fmt: skip

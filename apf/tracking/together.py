@@ -94,8 +94,8 @@ class PeopleTracker:
             self._division.spheres.set((here + ahead * (here - before)).astype(np.float32))
             parts = self._division()
         shows = [
-            tracker.likelihood.prepare(part)
-            for tracker, part in zip(self.trackers, parts, strict=True)
+            tracker.likelihood.prepare(piece)
+            for tracker, piece in zip(self.trackers, parts, strict=True)
         ]
         return begin_searches(self.trackers, shows, self._queue)
 

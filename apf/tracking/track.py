@@ -226,13 +226,13 @@ class Track:
     def limb_confidence(self) -> np.ndarray:
         """Probability (F, L) that each of the body's limbs (`apf.body.limbs.limb_names`) is right,
         see `apf.tracking.limb_confidence`; NaN without a limb search."""
-        found = self.diagnostics.get("limb_confidence")
-        if found is None:
+        stored = self.diagnostics.get("limb_confidence")
+        if stored is None:
             ends = [] if self.body is None else limb_ends(self.body)
             margins = self._diagnostic("limb_margin", np.full((len(self), len(ends)), np.nan))
             other = self.diagnostics.get("limb_disagreement")
-            found = limb_confidence(margins, self.joints[:, ends], self.times, other)
-        return found
+            stored = limb_confidence(margins, self.joints[:, ends], self.times, other)
+        return stored
 
     @property
     def judged(self) -> Track:
@@ -282,8 +282,8 @@ class Track:
             angles |= standing_ankles(self.its_body, self.poses, level)
         gone = self.lost[:, None] | (self.lost_limbs @ limb_angles(self.its_body, angles))
         return {
-            name: np.where(of, np.nan, values)
-            for of, (name, values) in zip(gone.T, angles.items(), strict=True)
+            name: np.where(lost_bones, np.nan, values)
+            for lost_bones, (name, values) in zip(gone.T, angles.items(), strict=True)
         }
 
     @property
@@ -393,11 +393,11 @@ class Track:
         parts = [] if (path / "track.npz").exists() else sorted(path.glob(PARTS))
         if parts:  # of a run that was killed
             return concatenate_tracks(parts)
-        runs = [run for of in ("", "person*/") for run in path.glob(f"{of}seed*/track.npz")]
+        runs = [run for prefix in ("", "person*/") for run in path.glob(f"{prefix}seed*/track.npz")]
         if runs and not (path / "track.npz").exists():
             raise InputError(f"{path}: {len(runs)} runs; expected one, as {min(runs).parent}")
         path = path / "track.npz" if path.is_dir() else path
-        optional = _FIELDS | {k: replace(of, needed=False) for k, of in _SURFACE.items()}
+        optional = _FIELDS | {k: replace(values, needed=False) for k, values in _SURFACE.items()}
         schema = optional | {
             _DIAGNOSTIC + name: replace(values, needed=False)
             for name, values in _DIAGNOSTICS.items()
@@ -433,26 +433,26 @@ def concatenate_tracks(parts: Iterable[Track | Path]) -> Track:
     all have; the rest is that of the last. Files are read one after the other, so that all rows are
     in memory only once. Raises InputError for a file that is no track."""
     columns: dict[str, list[np.ndarray]] = {}
-    part: Track | None = None
-    for given in parts:
-        part = given if isinstance(given, Track) else Track.open(given)
-        rows = {"frames": part.frames, "poses": part.poses, "joints": part.joints}
-        for name, values in (*rows.items(), *part.diagnostics.items()):
+    piece: Track | None = None
+    for each in parts:
+        piece = each if isinstance(each, Track) else Track.open(each)
+        rows = {"frames": piece.frames, "poses": piece.poses, "joints": piece.joints}
+        for name, values in (*rows.items(), *piece.diagnostics.items()):
             columns.setdefault(name, []).append(values)
-    if part is None:
+    if piece is None:
         raise InputError("there is no part of a track; expected at least one")
     n_parts = len(columns["frames"])
     common = [name for name, values in columns.items() if len(values) == n_parts]
     whole = {name: np.concatenate(columns.pop(name)) for name in common}
     fields: dict[str, Any] = {name: whole.pop(name) for name in ("frames", "poses", "joints")}
-    return replace(part, diagnostics=whole, **fields)
+    return replace(piece, diagnostics=whole, **fields)
 
 
 def _provenance(text: str) -> dict[str, Any]:
     try:
-        found = json.loads(text)
+        values = json.loads(text)
     except (ValueError, RecursionError):
-        found = None
-    if not isinstance(found, dict) or not isinstance(found.get("smoothing") or {}, dict):
+        values = None
+    if not isinstance(values, dict) or not isinstance(values.get("smoothing") or {}, dict):
         raise InputError("provenance is no JSON table; expected what made the track")
-    return found
+    return values

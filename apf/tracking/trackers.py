@@ -44,10 +44,10 @@ def make_recovering_tracker(scene: Scene, method: Method) -> RecoveringTracker:
             return []
         voxels = store_voxels(scene.device, cast(AnyVoxels, shown))
         try:
-            found = find_start(scene, [voxels], search.noise, keep_shape=True, seed=search.seed)
+            start = find_start(scene, [voxels], search.noise, keep_shape=True, seed=search.seed)
         except StartError:
             return []  # nobody is there, or this body has no automatic start
-        return [found.pose]
+        return [start.pose]
 
     def enough(observation: Observation) -> bool:
         shown, points = split_observation(observation)

@@ -45,12 +45,12 @@ def triangulate_track(
             "names such as left_shoulder or LShoulder"
         )
     straight = keypoints.undistort(sequence.rig).points[:, frames][:, :, list(landmarks)]
-    found = triangulate(sequence.rig, straight, config.triangulation)
-    if not np.isfinite(found.points).any():
+    joints = triangulate(sequence.rig, straight, config.triangulation)
+    if not np.isfinite(joints.points).any():
         raise _no_points(sequence.name, straight[..., 2], config.triangulation)
     rate = sequence.fps / (abs(selection.step or 1) if selection else 1)
     longest = config.longest_gap
-    points = fill_gaps(found.points, None if longest is None else round(longest * rate))
+    points = fill_gaps(joints.points, None if longest is None else round(longest * rate))
     if config.low_pass:
         points = low_pass(points, rate, config.low_pass)
     names = tuple(landmark.name for landmark in landmarks.values())
@@ -64,8 +64,8 @@ def triangulate_track(
         joints=points,
         edges=np.array(landmark_edges(names)),
         diagnostics={
-            "reprojection_error": found.errors,
-            "cameras_used": found.used.sum(0),
+            "reprojection_error": joints.errors,
+            "cameras_used": joints.used.sum(0),
         },
         provenance=json.dumps(
             {

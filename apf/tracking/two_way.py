@@ -90,13 +90,13 @@ class TwoWays:
 
     def step(self, index: int, shown: Observation) -> None:
         """Track the next frame forward, and back from it if the window is full."""
-        kept, window = _keep(self._device, shown, self._pool), self._window
-        window.append((index, kept, [tracker.step(shown) for tracker in self._forward]))
-        self._n_bytes += sum(of.nbytes for _, of, _ in window[:-_CROPPING][-1:])
+        entry, window = _keep(self._device, shown, self._pool), self._window
+        window.append((index, entry, [tracker.step(shown) for tracker in self._forward]))
+        self._n_bytes += sum(stored.nbytes for _, stored, _ in window[:-_CROPPING][-1:])
         self._progress("tracking")
         if is_full(len(window), self._n_bytes):
             self._go_back(len(window) - min(OVERLAP, len(window) // 3))
-            self._n_bytes = sum(of.nbytes for _, of, _ in self._window[:-_CROPPING])
+            self._n_bytes = sum(stored.nbytes for _, stored, _ in self._window[:-_CROPPING])
 
     def finish(self) -> None:
         """Track the last window back."""
@@ -149,7 +149,7 @@ def _reverse_observations(
     device: Device | NumpyDevice, window: list[_WindowFrame]
 ) -> Iterator[Observation]:
     """Yield the observations of a window in reverse order; each overwrites the one before."""
-    parts = [kept for _, kept, _ in reversed(window)]
+    parts = [entry for _, entry, _ in reversed(window)]
     crops = [shown.result() for shown, _ in parts if isinstance(shown, Future)]
     restored = RestoredVoxels(device, crops) if crops and isinstance(device, Device) else None
     for shown, points in parts:
@@ -172,17 +172,17 @@ def _fuse_window(
         return []
     for tracker, last in zip(back, window[-1][2], strict=True):
         tracker.start(last.pose)
-    found: list[list[tuple[list[Estimate], np.ndarray]]] = [[] for _ in back]
+    both_passes: list[list[tuple[list[Estimate], np.ndarray]]] = [[] for _ in back]
     for observation, (_, _, forward) in zip(
         _reverse_observations(device, window), reversed(window), strict=True
     ):
-        for frames, tracker, ahead in zip(found, back, forward, strict=True):
+        for frames, tracker, ahead in zip(both_passes, back, forward, strict=True):
             passes = [ahead, tracker.step(observation)]
             poses = np.stack([each.pose for each in passes])
             frames.append((passes, tracker.score_poses(exchange_limbs(ahead.body, poses))))
         progress()
     tracks = []
-    for frames in found:
+    for frames in both_passes:
         passes_of, errors = zip(*frames[::-1], strict=True)
         tracks.append(fuse_passes(passes_of, np.stack(errors), fps))
     return [list(estimates) for estimates in zip(*tracks, strict=True)]
@@ -292,21 +292,21 @@ def smooth_poses(
     Frames that are not `known` (F,) stay as they are, and no parabola crosses them.
     """
     poses, most = unwrap_angles(poses, body), SAME_PLACE / 2
-    for part in find_true_runs(known):
-        if n < 5 or part.stop - part.start < n:  # a parabola passes through any three points
+    for run in find_true_runs(known):
+        if n < 5 or run.stop - run.start < n:  # a parabola passes through any three points
             continue
-        tracked = posed_joints(body, poses[part])
+        tracked = posed_joints(body, poses[run])
         places = smooth_locally(tracked, n)
-        smooth = np.clip(smooth_locally(poses[part], n), body.lower, body.upper)
+        smooth = np.clip(smooth_locally(poses[run], n), body.lower, body.upper)
         off = np.linalg.norm(posed_joints(body, smooth) - tracked, axis=-1).max(1)
-        poses[part] = np.where(off[:, None] < most, smooth, poses[part])
+        poses[run] = np.where(off[:, None] < most, smooth, poses[run])
         moved = np.linalg.norm(places - tracked, axis=-1)
         for dofs, joints in zip(limb_masks(body), limb_joints(body), strict=True):
-            near = moved[:, joints].max(1, initial=0) < most
+            steady = moved[:, joints].max(1, initial=0) < most
             reached = solve_inverse_kinematics(
-                body, poses[part], dofs, joints, places, _SMOOTHED_WITHIN
+                body, poses[run], dofs, joints, places, _SMOOTHED_WITHIN
             )
-            poses[part] = np.where(near[:, None], reached, poses[part])
+            poses[run] = np.where(steady[:, None], reached, poses[run])
     return poses
 
 
@@ -321,7 +321,7 @@ class _Passes:
         self.poses = unwrap_angles(poses, self._body)  # from one pass to the other
         self.deviations = np.stack([[estimate.deviation for estimate in each] for each in passes])
         self.lost = np.array([[estimate.lost for estimate in each] for each in passes])
-        self.joints = np.stack([posed_joints(self._body, of) for of in self.poses])
+        self.joints = np.stack([posed_joints(self._body, angles) for angles in self.poses])
 
     def choose(self, misfits: np.ndarray, places: np.ndarray) -> np.ndarray:
         """Return the best pass (F,) by misfits (F, K) and by the jumps of joints between frames;
@@ -331,19 +331,19 @@ class _Passes:
         jumps = np.linalg.norm(places[None, :, 1:] - places[:, None, :-1], axis=-1).mean(-1)
         return find_best_path(costs, np.moveaxis(jumps, -1, 0))
 
-    def find_agreeing_passes(self, way: np.ndarray, of: np.ndarray) -> np.ndarray:
-        """Return which passes (K, F) have the joints `of` (J,) where the chosen `way` (F,) has
-        them.
+    def find_agreeing_passes(self, way: np.ndarray, compared: np.ndarray) -> np.ndarray:
+        """Return which passes (K, F) have the joints `compared` (J,) where the chosen `way` (F,)
+        has them.
 
         It is the chosen pass alone if the average of the poses would put the joints elsewhere.
         """
         alone = np.arange(len(self.poses))[:, None] == way
         chosen = self.joints[way, np.arange(len(way))]
-        apart = np.linalg.norm(self.joints - chosen, axis=-1)[..., of].max(-1)
+        apart = np.linalg.norm(self.joints - chosen, axis=-1)[..., compared].max(-1)
         agreed = alone | ((apart < SAME_PLACE) & ~self.lost)
         off = posed_joints(self._body, average_passes(self.poses, agreed))
         off -= average_passes(self.joints, agreed)
-        between = np.linalg.norm(off, axis=-1)[:, of].max(-1) < SAME_PLACE / 4
+        between = np.linalg.norm(off, axis=-1)[:, compared].max(-1) < SAME_PLACE / 4
         return np.where(between, agreed, alone)
 
     def measure_disagreement(self, poses: np.ndarray) -> np.ndarray:

@@ -63,11 +63,11 @@ def joint_covariance(
     """
     raw = raw_covariance(body, poses, information, deviation)
     floors = np.array([FLOORS.get(sideless(name), OTHER_FLOOR) for name in body.joint_names])
-    found: np.ndarray = SCALE**2 * raw + floors[:, None, None] ** 2 * np.eye(3)
-    found[np.einsum("fdd->f", information) <= 0] = np.nan
+    covariance: np.ndarray = SCALE**2 * raw + floors[:, None, None] ** 2 * np.eye(3)
+    covariance[np.einsum("fdd->f", information) <= 0] = np.nan
     if misfit is not None:
-        found *= np.fmax(1.0, misfit / SOUND_MISFIT)[:, None, None, None] ** 2
-    return found
+        covariance *= np.fmax(1.0, misfit / SOUND_MISFIT)[:, None, None, None] ** 2
+    return covariance
 
 
 def raw_covariance(

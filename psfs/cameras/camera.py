@@ -54,21 +54,21 @@ class Camera:
     def __post_init__(self) -> None:
         check_name(self.name, "a camera")
         distortion = np.zeros(5)
-        given = np.asarray(self.distortion, np.float64).ravel()
+        stated = np.asarray(self.distortion, np.float64).ravel()
         most, names = (
             (4, "k1 k2 k3 k4 of a fisheye lens") if self.fisheye else (5, "k1 k2 p1 p2 k3")
         )
-        if given.any() and given.size not in _COEFFICIENTS:
+        if stated.any() and stated.size not in _COEFFICIENTS:
             raise InputError(
-                f"camera {self.name}: {given.size} distortion coefficients; "
+                f"camera {self.name}: {stated.size} distortion coefficients; "
                 f"expected {most} ({names}), with 0 for those that the lens lacks"
             )
-        if np.any(given[most:]):
+        if np.any(stated[most:]):
             raise InputError(
-                f"camera {self.name}: {given.size} distortion coefficients; "
+                f"camera {self.name}: {stated.size} distortion coefficients; "
                 f"expected at most {most} ({names})"
             )
-        distortion[: min(5, given.size)] = given[:5]
+        distortion[: min(5, stated.size)] = stated[:5]
         values = {"K": (self.K, (3, 3)), "R": (self.R, (3, 3)), "t": (self.t, (3,))}
         for field, (value, shape) in values.items():
             array = np.asarray(value, np.float64)
@@ -154,8 +154,8 @@ class Camera:
         u, v, depth = np.empty((3, len(flat)))
         seen = np.empty(len(flat), bool)
         for start in range(0, len(flat), BLOCK):
-            of = slice(start, start + BLOCK)
-            u[of], v[of], depth[of], seen[of] = self._project_block(flat[of])
+            block = slice(start, start + BLOCK)
+            u[block], v[block], depth[block], seen[block] = self._project_block(flat[block])
         shape = points.shape[:-1]
         return u.reshape(shape), v.reshape(shape), depth.reshape(shape), seen.reshape(shape)
 
@@ -322,20 +322,20 @@ class CameraRig:
         if all(camera.hidden is None for camera in self):
             return None
         maps = np.zeros((len(self), self.height, self.width), bool)
-        for own, camera in zip(maps, self, strict=True):
+        for hidden, camera in zip(maps, self, strict=True):
             if camera.hidden is not None:
-                own[: camera.size[1], : camera.size[0]] = camera.hidden
+                hidden[: camera.size[1], : camera.size[0]] = camera.hidden
         return maps
 
     def with_hidden(self, maps: np.ndarray | None) -> CameraRig:
         """Return the same cameras with the hidden pixels of maps (V, height, width) bool."""
         if maps is None:
             return CameraRig(tuple(replace(camera, hidden=None) for camera in self))
-        cut = [own[: c.size[1], : c.size[0]] for own, c in zip(maps, self, strict=True)]
+        cut = [hidden[: c.size[1], : c.size[0]] for hidden, c in zip(maps, self, strict=True)]
         return CameraRig(
             tuple(
-                replace(camera, hidden=own.copy() if own.any() else None)
-                for camera, own in zip(self, cut, strict=True)
+                replace(camera, hidden=hidden.copy() if hidden.any() else None)
+                for camera, hidden in zip(self, cut, strict=True)
             )
         )
 

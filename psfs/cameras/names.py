@@ -35,9 +35,9 @@ def join_names(names: Iterable[str]) -> str:
 
 
 def match_files_to_cameras(
-    cameras: Sequence[str], found: Sequence[str], where: str, wanted: Sequence[str] | None = None
+    cameras: Sequence[str], names: Sequence[str], where: str, wanted: Sequence[str] | None = None
 ) -> tuple[dict[str, str], str | None]:
-    """Match the `found` files to cameras; return them by camera, and a remark if the match was
+    """Match files of `names` to cameras; return them by camera, and a remark if the match was
     guessed.
 
     A file belongs to the camera whose name it has, else to the one whose name its own contains
@@ -48,14 +48,14 @@ def match_files_to_cameras(
     default all; with it further files may be there. Raises InputError, naming both lists, if they
     do not fit, and for a name that fits several cameras.
     """
-    named = _match_named(cameras, found, where)
+    named = _match_named(cameras, names, where)
     needed = cameras if wanted is None else wanted
     if all(camera in named for camera in needed):
-        if wanted is not None or len(found) == len(cameras):
+        if wanted is not None or len(names) == len(cameras):
             return named, None
-    elif len(found) == len(cameras):
+    elif len(names) == len(cameras):
         ordered = dict(
-            zip(sorted(cameras, key=natural_key), sorted(found, key=natural_key), strict=True)
+            zip(sorted(cameras, key=natural_key), sorted(names, key=natural_key), strict=True)
         )
         guess = ", ".join(f"{name} for {camera}" for camera, name in ordered.items())
         crossed = [camera for camera in named if ordered[camera] != named[camera]]
@@ -63,22 +63,22 @@ def match_files_to_cameras(
             raise InputError(
                 f"{where}: some are named after cameras and others after none, and in order they "
                 f"would be {guess}; expected the names of the cameras, {join_names(cameras)}"
-                f"{_example(cameras, found)}"
+                f"{_example(cameras, names)}"
             )
         return ordered, f"{where}: names differ from the cameras'; taken in order: {guess}"
     raise InputError(
-        f"{where}: {len(found)} of them ({join_names(found)}) for {len(needed)} cameras "
+        f"{where}: {len(names)} of them ({join_names(names)}) for {len(needed)} cameras "
         f"({join_names(needed)}); expected one per camera, or `cameras` to choose some"
-        f"{_example(cameras, found)}"
+        f"{_example(cameras, names)}"
     )
 
 
-def _match_named(cameras: Sequence[str], found: Sequence[str], where: str) -> dict[str, str]:
+def _match_named(cameras: Sequence[str], files: Sequence[str], where: str) -> dict[str, str]:
     """Return the files that are named after a camera, by camera. Raises InputError for a name that
     fits several cameras, and for several that fit one."""
-    shared = set.intersection(*(set(name_tokens(name)) for name in found)) if found else set()
+    shared = set.intersection(*(set(name_tokens(name)) for name in files)) if files else set()
     fitting: dict[str, list[str]] = {}
-    for name in found:
+    for name in files:
         fits = [camera for camera in cameras if name_tokens(camera) == name_tokens(name)] or [
             camera for camera in cameras if contains_name(name, camera)
         ]
@@ -94,47 +94,47 @@ def _match_named(cameras: Sequence[str], found: Sequence[str], where: str) -> di
         if len(owners) > 1:
             raise InputError(
                 f"{where}: {name} fits several cameras: {join_names(owners)}; expected a name "
-                f"that contains one of {join_names(cameras)}{_example(cameras, found)}"
+                f"that contains one of {join_names(cameras)}{_example(cameras, files)}"
             )
         for camera in owners:
             fitting.setdefault(camera, []).append(name)
     named = {}
     for camera, names in fitting.items():
-        if len(names) == len(found) > 1:
+        if len(names) == len(files) > 1:
             continue  # what all names contain tells nothing
         same = [name for name in names if name_tokens(name) == name_tokens(camera)] or names
         if len(same) > 1:
             raise InputError(
                 f"{where}: {join_names(same)} all fit camera {camera}; expected one per camera"
-                f"{_example(cameras, found)}"
+                f"{_example(cameras, files)}"
             )
         named[camera] = same[0]
     return named
 
 
-def _example(cameras: Sequence[str], found: Sequence[str]) -> str:
+def _example(cameras: Sequence[str], names: Sequence[str]) -> str:
     """Return the hint of a table that says which file is whose."""
-    if not cameras or not found:
+    if not cameras or not names:
         return ""
-    return f", or a table in sequence.toml: [files] {cameras[0]} = {found[0]!r}, ..."
+    return f", or a table in sequence.toml: [files] {cameras[0]} = {names[0]!r}, ..."
 
 
 def rename_files(
-    found: Mapping[str, T], files: Mapping[str, str] | None, where: str | None = None
+    by_name: Mapping[str, T], files: Mapping[str, str] | None, where: str | None = None
 ) -> dict[str, T]:
-    """Return what was found by name, under the cameras' names where `files` says whose it is, by
+    """Return what was found by name, under the cameras' by_name where `files` says whose it is, by
     camera; other names as they are.
 
     where: place of the files; raises InputError for one that is not there. None: without one of
     them, all names are as they are."""
-    renamed, moved = dict(found), {}
+    renamed, moved = dict(by_name), {}
     for camera, name in (files or {}).items():
         same = [old for old in renamed if name_tokens(old) == name_tokens(name)]
         if len(same) != 1:
             if where is None:
-                return dict(found)
+                return dict(by_name)
             raise InputError(
-                f"{where}: `files` says {name} for {camera}; there are {join_names(found)}"
+                f"{where}: `files` says {name} for {camera}; there are {join_names(by_name)}"
             )
         moved[camera] = renamed.pop(same[0])
     return {**renamed, **moved}

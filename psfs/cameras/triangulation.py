@@ -50,9 +50,9 @@ def triangulate(
             trial = used[:, open_].copy()
             had = trial[view].copy()
             trial[view] = False
-            found, off = _solve(rig, seen[:, open_], trial)
+            solved, off = _solve(rig, seen[:, open_], trial)
             better = had & (off < best)
-            best[better], best_points[better], leaves[better] = off[better], found[better], view
+            best[better], best_points[better], leaves[better] = off[better], solved[better], view
         left = leaves >= 0
         used[leaves[left], open_[left]] = False
         points[open_[left]], errors[open_[left]] = best_points[left], best[left]

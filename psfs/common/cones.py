@@ -25,7 +25,7 @@ def cone_distances(points: np.ndarray, cones: np.ndarray) -> np.ndarray:
     length = np.linalg.norm(axis, axis=-1)
     ways = np.stack([cones[..., 8:11], cones[..., 12:15], axis / length[..., None]])
     x, y, z = points @ ways.swapaxes(-2, -1) - dot(ways, a)[..., None, :]
-    length, radius, end = (of[..., None, :] for of in (length, cones[..., 3], cones[..., 7]))
+    length, radius, end = (v[..., None, :] for v in (length, cones[..., 3], cones[..., 7]))
     t = np.clip(z / length, 0.0, 1.0)
     z -= t * length
     distance = np.sqrt(x * x + y * y + z * z)

@@ -68,8 +68,8 @@ class Config(BaseModel):
 
     def replace(self: C, **changes: Any) -> C:
         """Return these settings with other values of some; raise InputError as the class does."""
-        own = {name: getattr(self, name) for name in type(self).model_fields}  # nothing cached
-        return type(self)(**{**own, **changes})
+        values = {name: getattr(self, name) for name in type(self).model_fields}  # nothing cached
+        return type(self)(**{**values, **changes})
 
     def overlay(self: C, values: Mapping[str, Any], where: str = "") -> C:
         """Return these settings with `values` as JSON and TOML hold them, tables for the parts:
@@ -201,8 +201,8 @@ def field_choices(field: FieldInfo) -> tuple[Any, ...]:
 
 def _registered_names(field: FieldInfo) -> tuple[Any, ...]:
     extra = field.json_schema_extra
-    found = extra.get("enum") if isinstance(extra, dict) else None
-    return tuple(found) if isinstance(found, list) else ()
+    names = extra.get("enum") if isinstance(extra, dict) else None
+    return tuple(names) if isinstance(names, list) else ()
 
 
 def part_kind(field: FieldInfo) -> type[Config] | None:
@@ -273,9 +273,9 @@ def _first_error(kind: type[Config], error: ValidationError) -> SettingError:
         return SettingError(f": {cause}")
     if cause is not None:
         return SettingError(f": {cause}", name)
-    found = escape_unprintable(repr(first["input"]))[:SHOWN]
+    value = escape_unprintable(repr(first["input"]))[:SHOWN]
     place = "".join(f"[{step}]" for step in first["loc"][1:] if isinstance(step, int))
     expected = first["msg"].removeprefix("Input should be ")
     if field is not None and not place:
         expected = describe_expected(field)
-    return SettingError(f"{place} is {found}; expected {expected}", name)
+    return SettingError(f"{place} is {value}; expected {expected}", name)

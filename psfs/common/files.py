@@ -72,8 +72,8 @@ def read_numbers(path: Path) -> np.ndarray:
         if isinstance(error, InputError):
             raise
         word = str(error).partition(": ")[2]
-        shown = word if len(word) <= 40 else f"{word[:40]}...'"
-        raise InputError(f"{path}: expected numbers only; found {shown}") from None
+        quoted = word if len(word) <= 40 else f"{word[:40]}...'"
+        raise InputError(f"{path}: expected numbers only; found {quoted}") from None
 
 
 def read_json(path: Path, what: str, nan: bool = False) -> Any:

@@ -108,13 +108,13 @@ def estimate_noise(
     known = np.isfinite(size)
     normal = float(np.sqrt(scipy.special.chdtri(rows.shape[1], 0.5)))
     usual = np.median(size[known]) if known.any() else 0.0
-    found = np.full(len(size), usual)
+    noise = np.full(len(size), usual)
     if groups is not None:
         for number in np.unique(groups):
             mine = known & (groups == number)
             if np.count_nonzero(mine) >= LEAST_GROUP:
-                found[groups == number] = np.median(size[mine])
-    return np.maximum(found / normal, least)
+                noise[groups == number] = np.median(size[mine])
+    return np.maximum(noise / normal, least)
 
 
 def robust_weights(values: np.ndarray, noise: np.ndarray | float) -> np.ndarray:
@@ -225,7 +225,7 @@ def solve(
     """
     layout = _Layout(start, free or {}, eliminate)
     damping, parameters, residuals, settled = _DAMPING, start, evaluate(start), False
-    noises = [of.noise() for of in residuals]
+    noises = [block.noise() for block in residuals]
     normal, gradient = layout.linearise(residuals, noises)
     for _ in range(steps):
         change = -_Factor(normal, layout, damping).solve(gradient[:, None])[:, 0]
@@ -234,7 +234,7 @@ def solve(
         settled = -float(gradient @ change) < _SETTLED**2
         if _cost(tried, noises) <= _cost(residuals, noises):
             parameters, residuals, damping = trial, tried, damping / 10
-            noises = [of.noise() for of in residuals]
+            noises = [block.noise() for block in residuals]
             normal, gradient = layout.linearise(residuals, noises)
         else:
             damping = max(10 * damping, 10 * _DAMPING)
@@ -247,12 +247,12 @@ def solve(
 def _cost(residuals: Sequence[Residuals], noises: Sequence[np.ndarray]) -> float:
     """Return the sum of the robust squares; infinite for parameters that cannot be."""
     total = 0.0
-    for of, noise in zip(residuals, noises, strict=True):
-        rows = _as_rows(of.values)
+    for block, noise in zip(residuals, noises, strict=True):
+        rows = _as_rows(block.values)
         square = np.nan_to_num(np.square(rows).sum(axis=1) / noise**2, posinf=np.inf)
-        if of.robust:
+        if block.robust:
             square = square / (1 + square / (REACH**2 * rows.shape[1]))
-        total += float((square * of.weights).sum())
+        total += float((square * block.weights).sum())
     return total if np.isfinite(total) else np.inf
 
 
@@ -264,7 +264,7 @@ class _Layout:
     ) -> None:
         self._places: dict[str, np.ndarray] = {}
         self.size = self.kept = 0
-        for name in sorted(start, key=lambda of: of in eliminate):
+        for name in sorted(start, key=lambda block: block in eliminate):
             mask = np.asarray(free.get(name, np.ones(start[name].shape, bool)))
             places = np.full(mask.shape, -1)
             places[mask] = self.size + np.arange(mask.sum())
@@ -288,19 +288,19 @@ class _Layout:
     ) -> tuple[scipy.sparse.csc_matrix, np.ndarray]:
         """Return the normal matrix and the gradient of all free values."""
         normal, gradient = scipy.sparse.csc_matrix((self.size, self.size)), np.zeros(self.size)
-        for of, noise in zip(residuals, noises, strict=True):
-            share = of.known * np.asarray(of.weights, float) / noise**2
-            if of.robust:
-                share = share * robust_weights(of.rows, noise)
-            roots, run = np.sqrt(share)[:, None], _find_runs(of.slopes)
-            if of.through:
-                own, pull = self._multiply_through(of, roots)
-            elif len(run) * _LEAST_RUN < of.rows.size:
-                own, pull = self._multiply_runs(of, roots, run)
+        for block, noise in zip(residuals, noises, strict=True):
+            share = block.known * np.asarray(block.weights, float) / noise**2
+            if block.robust:
+                share = share * robust_weights(block.rows, noise)
+            roots, run = np.sqrt(share)[:, None], _find_runs(block.slopes)
+            if block.through:
+                squares, pull = self._multiply_through(block, roots)
+            elif len(run) * _LEAST_RUN < block.rows.size:
+                squares, pull = self._multiply_runs(block, roots, run)
             else:
-                rows = self._rows(of, roots)
-                own, pull = (rows.T @ rows).tocsc(), rows.T @ (roots * of.rows).ravel()
-            normal, gradient = normal + own, gradient + pull
+                rows = self._rows(block, roots)
+                squares, pull = (rows.T @ rows).tocsc(), rows.T @ (roots * block.rows).ravel()
+            normal, gradient = normal + squares, gradient + pull
         return normal, gradient
 
     def _multiply_runs(
@@ -320,15 +320,15 @@ class _Layout:
         return self._gather(of.slopes, run, blocks, pulls)
 
     def _multiply_through(
-        self, of: Residuals, roots: np.ndarray
+        self, block: Residuals, roots: np.ndarray
     ) -> tuple[scipy.sparse.csc_matrix, np.ndarray]:
         """Return the normal matrix and the gradient of measurements by coordinates between them and
         the parameters: the products of the few numbers that measurements depend on come first."""
-        used, (slope,) = np.flatnonzero(roots), of.slopes
-        rows = np.concatenate([slope.values[used, 0], of.rows[used]], axis=1) * roots[used]
+        used, (slope,) = np.flatnonzero(roots), block.slopes
+        rows = np.concatenate([slope.values[used, 0], block.rows[used]], axis=1) * roots[used]
         items, key = np.unique(slope.items[used], return_inverse=True)
         products = multiply_alike(key, rows, len(items))
-        through = [Slope(by.name, by.items[items], by.values[items]) for by in of.through]
+        through = [Slope(by.name, by.items[items], by.values[items]) for by in block.through]
         values, run = np.concatenate([by.values for by in through], axis=2), _find_runs(through)
         turned = values.swapaxes(1, 2) @ products[:, :-1]
         blocks = np.add.reduceat(turned[..., :-1] @ values, run)
@@ -349,23 +349,23 @@ class _Layout:
         matrix = scipy.sparse.csc_matrix((entries[free], (row[free], column[free])), shape=shape)
         return matrix, gradient[:-1]
 
-    def _rows(self, of: Residuals, roots: np.ndarray) -> scipy.sparse.csr_matrix:
+    def _rows(self, block: Residuals, roots: np.ndarray) -> scipy.sparse.csr_matrix:
         """Return the weighted rows (M R, size) of the Jacobian."""
-        count, width = of.rows.shape
+        count, width = block.rows.shape
         at = np.arange(count * width).reshape(count, width, 1)
         parts: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
-        for slope in of.slopes:
+        for slope in block.slopes:
             columns = self._places[slope.name][slope.items][:, None]
             entries = np.nan_to_num(slope.values) * roots[..., None]
-            kept = np.broadcast_to(columns >= 0, entries.shape) & (entries != 0)
+            filled = np.broadcast_to(columns >= 0, entries.shape) & (entries != 0)
             parts.append(
                 (
-                    entries[kept],
-                    np.broadcast_to(at, entries.shape)[kept],
-                    np.broadcast_to(columns, entries.shape)[kept],
+                    entries[filled],
+                    np.broadcast_to(at, entries.shape)[filled],
+                    np.broadcast_to(columns, entries.shape)[filled],
                 )
             )
-        entries, rows, columns = (np.concatenate(of) for of in zip(*parts, strict=True))
+        entries, rows, columns = (np.concatenate(block) for block in zip(*parts, strict=True))
         return scipy.sparse.csr_matrix((entries, (rows, columns)), shape=(count * width, self.size))
 
 

@@ -485,12 +485,12 @@ def check_file(path: Path, inputs: Iterable[Path] = ()) -> None:
         if folder in (str(real), str(real.parent)):
             raise InputError(f"{path}: lies among the files that are read; expected another folder")
     try:
-        found = path.lstat()
+        status = path.lstat()
     except OSError:  # absent; what else is wrong is reported when it is written
         return
-    if not stat.S_ISREG(found.st_mode):
+    if not stat.S_ISREG(status.st_mode):
         raise InputError(f"{path}: exists and is no regular file; expected a name for a new file")
-    if not _guard.active or _guard.overwrite or _entry(real, found) in _read_list():
+    if not _guard.active or _guard.overwrite or _entry(real, status) in _read_list():
         return
     raise InputError(
         f"{path}: exists and was not written by this program; expected a name for a new file, or "
@@ -508,9 +508,9 @@ def remember_file(path: Path) -> None:
         write_whole(cache_folder() / _LIST, "".join(f"{entry}\n" for entry in entries))
 
 
-def _entry(path: Path, found: os.stat_result) -> str:
+def _entry(path: Path, status: os.stat_result) -> str:
     """Return the line of a file, which changes with its content."""
-    return f"{found.st_size} {found.st_mtime_ns} {str(path)!r}"
+    return f"{status.st_size} {status.st_mtime_ns} {str(path)!r}"
 
 
 def _read_list() -> list[str]:

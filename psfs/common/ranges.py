@@ -48,8 +48,8 @@ def check_number(name: str, value: Any, least: float, most: float = LARGEST) -> 
     number = isinstance(value, Real) and not isinstance(value, bool)
     if not (number and least <= value <= most):
         expected = range_text(ge=least, le=most)
-        found = escape_unprintable(repr(value))
-        raise InputError(f"{name} is {found}; expected a number {expected}")
+        text = escape_unprintable(repr(value))
+        raise InputError(f"{name} is {text}; expected a number {expected}")
 
 
 def range_text(
@@ -120,16 +120,16 @@ def check_name(name: object, what: str) -> str:
     """
     if not isinstance(name, str):
         raise InputError(f"{what} has the name {name!r}; expected text")
-    shown = repr(name if len(name) <= LONGEST_NAME else name[:LONGEST_NAME] + "...")
+    quoted = repr(name if len(name) <= LONGEST_NAME else name[:LONGEST_NAME] + "...")
     if len(name) > LONGEST_NAME:
-        raise InputError(f"{what} {shown}: a name of {len(name)} characters; "
+        raise InputError(f"{what} {quoted}: a name of {len(name)} characters; "
                          f"expected at most {LONGEST_NAME}")  # fmt: skip
     if not name or name != name.strip() or name in (".", ".."):
-        raise InputError(f"{what} has the name {shown}; expected letters, digits, - and _")
+        raise InputError(f"{what} has the name {quoted}; expected letters, digits, - and _")
     wrong = [c for c in name if c in _SEPARATORS or not c.isprintable()]
     if wrong:
         raise InputError(
-            f"{what} has the name {shown} with {wrong[0]!r} in it; "
+            f"{what} has the name {quoted} with {wrong[0]!r} in it; "
             "expected letters, digits, - and _"
         )
     return name

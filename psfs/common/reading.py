@@ -67,5 +67,5 @@ def parsing(path: Path | str, what: str) -> Iterator[None]:
         log.info("%s", path, exc_info=True)
         deep = isinstance(error, RecursionError)
         reason = "nested too deeply" if deep else " ".join(str(error).split())[:200]
-        found = f" ({reason or type(error).__name__})"
-        raise InputError(f"{path}: damaged or of another kind{found}; expected {what}") from error
+        cause = f" ({reason or type(error).__name__})"
+        raise InputError(f"{path}: damaged or of another kind{cause}; expected {what}") from error

@@ -19,15 +19,15 @@ def keep_large_regions(occupied: np.ndarray, share: float) -> np.ndarray:
     Regions are connected by edges and corners. One is kept if it has at least `share` of the
     largest region's elements.
     """
-    kept = np.zeros(occupied.shape, bool)
+    large = np.zeros(occupied.shape, bool)
     box = scipy.ndimage.find_objects(occupied.astype(np.uint8), max_label=1)[0]
     if box is None:
-        return kept
+        return large
     labels, _ = scipy.ndimage.label(occupied[box], np.ones((3,) * occupied.ndim))
     sizes = np.bincount(labels.ravel())
     sizes[0] = 0  # what is not occupied
-    kept[box] = ((sizes > 0) & (sizes >= share * sizes.max()))[labels]
-    return kept
+    large[box] = ((sizes > 0) & (sizes >= share * sizes.max()))[labels]
+    return large
 
 
 def find_connected_regions(occupied: np.ndarray) -> list[np.ndarray]:

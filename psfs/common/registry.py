@@ -35,22 +35,22 @@ class Registry(Mapping[str, T]):
 
     @cached_property
     def _entries(self) -> dict[str, T]:
-        found: dict[str, T] = {}
-        self._add(found, self._own)
+        entries: dict[str, T] = {}
+        self._add(entries, self._own)
         for point in sorted(list_points(self.group), key=lambda point: point.name):
             try:
-                self._add(found, point.load())
+                self._add(entries, point.load())
             except Exception as error:  # whatever another package does
                 log.warning("%s is left out: %s", _describe(point), error)
-        return found
+        return entries
 
-    def _add(self, found: dict[str, T], loaded: object) -> None:
+    def _add(self, entries: dict[str, T], loaded: object) -> None:
         for entry in loaded if isinstance(loaded, tuple) else (loaded,):
             if not isinstance(entry, self._kind):
                 raise TypeError(f"it is {entry!r}; expected a {self._kind.__name__}")
-            if entry.name in found:
+            if entry.name in entries:
                 raise ValueError(f"there is a {self._kind.__name__} {entry.name!r} already")
-            found[entry.name] = entry
+            entries[entry.name] = entry
 
     def __getitem__(self, name: str) -> T:
         if not isinstance(name, str):  # `in` is asked of anything that stands in a file
@@ -66,8 +66,8 @@ class Registry(Mapping[str, T]):
 
 def list_points(group: str) -> EntryPoints:
     """Return the entry points of a group."""
-    found: EntryPoints = _list_all().select(group=group)
-    return found
+    points: EntryPoints = _list_all().select(group=group)
+    return points
 
 
 @cache  # which reads the metadata of every installed package

@@ -192,8 +192,8 @@ class Stated:
         flags, tables = split_tables(read_preset(kind.PRESETS, name))
         known = {option.name for option in options.values()}  # psfs' presets have fewer flags
         file = kind.PRESETS[name][-1]
-        found = read_flags(file, kind, {n: v for n, v in flags.items() if n in known})
-        values = {**without_excluded(kind, found, self.values), **self.values}
+        preset = read_flags(file, kind, {n: v for n, v in flags.items() if n in known})
+        values = {**without_excluded(kind, preset, self.values), **self.values}
         return Stated(values, self.tables, self.file or file, tables, chosen)
 
     def read_table(self, name: str, kind: type[Config]) -> Any:
@@ -224,7 +224,7 @@ class Request(Config):
     @classmethod
     def from_stated(cls: type[R], stated: Stated) -> R:
         """Return the request that a command line states. Raises InputError."""
-        own, stated = stated, stated.with_preset(cls)
+        preset, stated = stated, stated.with_preset(cls)
         values = {
             name: cls.make_part(name, stated) if find_part(info) else stated.values[name]
             for name, info in cls.model_fields.items()
@@ -237,7 +237,7 @@ class Request(Config):
             if error.path not in names:
                 raise
             raise InputError(f"--{names[error.path]}{error.problem}") from None
-        request._stated, request._chosen = own, stated.chosen
+        request._stated, request._chosen = preset, stated.chosen
         return request
 
     @classmethod
@@ -349,30 +349,31 @@ def _part_options(name: str, part: Part, info: FieldInfo) -> Iterator[Option]:
         yield Option(dest, flag, bool if not flag.metavar else str, None, part=name, fill=False)
     if part.only is not None and not part.only:
         return
-    flagged = [(path, of) for path, of in fields_below(kind) if about(of, "flag")]
+    flagged = [(path, within) for path, within in fields_below(kind) if about(within, "flag")]
     defaults = info.get_default(call_default_factory=True)
     known: set[str] = set()
-    for path, of in flagged:
-        dest, flag_name = path[-1], about(of, "flag")
+    for path, within in flagged:
+        dest, flag_name = path[-1], about(within, "flag")
         left_out = part.only is not None and dest not in part.only
         if flag_name in known or dest in part.without or left_out:
             continue
         known.add(flag_name)
         paths = tuple(other for other, _ in flagged if other[-1] == dest)
         parse, text = part.texts.get(dest, (None, None))
-        first, *_ = field_kinds(of)
+        first, *_ = field_kinds(within)
         value = defaults
         for step in path:
             value = getattr(value, step)
-        usual = (part.default or usual_value)(path, FieldInfo.merge_field_infos(of, default=value))
+        stated = FieldInfo.merge_field_infos(within, default=value)
+        usual = (part.default or usual_value)(path, stated)
         flag = Flag(
-            f"{about(of, 'flag_help') or _describe(of)} (default: {usual})",
-            about(of, "metavar"),
+            f"{about(within, 'flag_help') or _describe(within)} (default: {usual})",
+            about(within, "metavar"),
             parse,
             text,
             name=flag_name.removeprefix("--"),
             group=part.groups.get(dest, part.group),
-            choices=() if parse else field_choices(of),
+            choices=() if parse else field_choices(within),
         )
         yield Option(dest, flag, first, value, part=name, paths=paths, fill=part.fill)
 
@@ -503,14 +504,14 @@ def read_flags(where: Path | str, kind: type[Request], flags: Mapping[str, Any])
     InputError."""
     options = [o for o in list_options(kind) if o.flag.saved and not o.flag.positional]
     by_name = {option.name: option for option in options}
-    found = {}
+    values = {}
     for stated, value in flags.items():
         if stated not in by_name:
             near = difflib.get_close_matches(stated, by_name, 1)
             hint = f"did you mean {near[0]}?" if near else f"see {kind.COMMAND} --help"
             raise InputError(f"{where}: {stated} is no setting of {kind.COMMAND}; {hint}")
-        found[by_name[stated].dest] = _read_value(where, by_name[stated], value)
-    return found
+        values[by_name[stated].dest] = _read_value(where, by_name[stated], value)
+    return values
 
 
 def _read_value(where: Path | str, option: Option, value: Any) -> Any:

@@ -94,11 +94,11 @@ def parse_values(kind: type[T], values: object, where: Path | str = "") -> T:
     """Return `values` as `kind`, a model or any type pydantic knows. Raises InputError that names
     `where`, the key, what was found and what was expected."""
     try:
-        found: T = _adapter(cast(Any, kind)).validate_python(values)
+        parsed: T = _adapter(cast(Any, kind)).validate_python(values)
     except ValidationError as error:
         before = f"{where}: " if where else ""
         raise InputError(before + describe_error(error, values)) from None
-    return found
+    return parsed
 
 
 def _key(place: tuple[int | str, ...], values: Any) -> str:
@@ -127,12 +127,12 @@ def describe_error(error: ValidationError, values: object) -> str:
     elif first["type"] in ("extra_forbidden", "unexpected_keyword_argument"):
         text = f"has the key {escape_unprintable(key)}, which is unknown"
     else:
-        found = repr(first["input"])
-        found = found if len(found) <= SHOWN else f"{found[:SHOWN]}..."
+        value = repr(first["input"])
+        value = value if len(value) <= SHOWN else f"{value[:SHOWN]}..."
         wanted = first["msg"].removeprefix("Value error, ").removeprefix("Input should be ")
         if first["type"] in ("too_short", "too_long"):  # List should have ... after validation
             wanted = wanted.partition(" should have ")[2].partition(" after ")[0]
         wanted = wanted.replace("a valid tuple", "a list")
-        shown = escape_unprintable(found)
-        text = f"{escape_unprintable(key) or 'the content'} is {shown}; expected {wanted}"
+        quoted = escape_unprintable(value)
+        text = f"{escape_unprintable(key) or 'the content'} is {quoted}; expected {wanted}"
     return text + (f" (and {len(more)} more of its entries are wrong)" if more else "")

@@ -193,13 +193,13 @@ def versions() -> dict[str, str]:
     from importlib import metadata  # takes 20 ms
 
     packages = ("psfs-apf", "numpy", "pyopencl", "opencv-python-headless", "scipy")
-    found = {"python": platform.python_version()}
+    numbers = {"python": platform.python_version()}
     for package in packages:
         try:
-            found[package] = metadata.version(package)
+            numbers[package] = metadata.version(package)
         except metadata.PackageNotFoundError:  # another flavour of the same library
-            found[package] = "unknown"
-    return found
+            numbers[package] = "unknown"
+    return numbers
 
 
 @contextmanager

@@ -74,7 +74,7 @@ class LimbViews:
     def create(cls, hulls: Sequence[HullRays], contours: Sequence[SilhouetteContours]) -> LimbViews:
         """Measure the axes in the contours of each view."""
         pairs = list(zip(hulls, contours, strict=True))
-        axes = map_in_threads(lambda of: MedialAxes.create(of[0].camera, of[1]), pairs)
+        axes = map_in_threads(lambda pair: MedialAxes.create(pair[0].camera, pair[1]), pairs)
         return cls(list(axes), np.stack([measure_sight(view_hulls) for view_hulls in hulls]))
 
     def find_points(self, cameras: Sequence[Camera], lags: np.ndarray) -> LimbPoints:
@@ -208,7 +208,7 @@ def _trace(
 ) -> _Traced:  # fmt: skip
     """Return what all cameras measure of the points that were found from each of them."""
     firsts = np.repeat(np.arange(len(chosen)), [len(view_axes) for view_axes, _ in chosen])
-    indices, points = (np.concatenate(of) for of in zip(*chosen, strict=True))
+    indices, points = (np.concatenate(columns) for columns in zip(*chosen, strict=True))
     n, views = len(points), len(cameras)
     times, widths = np.zeros(n), np.zeros(n)
     for view, (camera, view_axes) in enumerate(zip(cameras, axes, strict=True)):

@@ -167,7 +167,7 @@ def _row(
         known = "true mask empty" if np.isnan(score) else f"IoU {score:.3f}"
         texts.append(f"{known}: missed red, too much green")
     sized = [_fit(panel, _size(crop)) for panel in panels]
-    return [_add_label(*of, width) for of in zip(sized, texts, strict=True)]
+    return [_add_label(*pair, width) for pair in zip(sized, texts, strict=True)]
 
 
 def _part(camera: Camera, view: int, result: Silhouettes) -> _Part:

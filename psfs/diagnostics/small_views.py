@@ -214,7 +214,7 @@ def mark_hidden_points(
             contour_at_border=outline.contour_at_border | where[v, u],
         )
 
-    return [[cut(*of) for of in zip(row, wide, strict=True)] for row in outlines]
+    return [[cut(*pair) for pair in zip(row, wide, strict=True)] for row in outlines]
 
 
 def find_border_points(points: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:

@@ -170,7 +170,7 @@ def adjust_frontier(
 
 def measure_turn(first: Sequence[Camera], second: Sequence[Camera]) -> float:
     """Return the largest difference, rad, of the cameras' rotations against the first camera's."""
-    one, other = (np.stack([c.R @ of[0].R.T for c in of[1:]]) for of in (first, second))
+    one, other = (np.stack([c.R @ rig[0].R.T for c in rig[1:]]) for rig in (first, second))
     cosines = 0.5 * (np.einsum("vij,vij->v", one, other) - 1)
     return float(np.arccos(np.clip(cosines, -1, 1)).max())
 
@@ -274,8 +274,9 @@ def refine_until_converged(
         if turn < _SETTLED * after.last.sigmas[:, :3].min():
             return after
         ahead = adjust_frontier(_go_on(before, after), points, 8.0) if far else None
-        farther = ahead is not None and ahead.last is not None
-        before = ahead if farther and ahead.last.count > after.last.count else after
+        before = after
+        if ahead is not None and ahead.last is not None and ahead.last.count > after.last.count:
+            before = ahead
     return before
 
 

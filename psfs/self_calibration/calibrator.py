@@ -107,7 +107,7 @@ def calibrate_by_person(
         best,
         take.points,
         rate,
-        lambda found, touched: align_to_person(found, take, touched, config),
+        lambda adjusted, touched: align_to_person(adjusted, take, touched, config),
     )
 
 
@@ -134,7 +134,7 @@ def adjust_calibration(
     if best is not None:
         best = _refine_finely(best, points, edges, lambda rig: np.array([0.0, 0.0, 1.0]))
     return _make_calibration(
-        best, points, rate, lambda found, touched: level_rig(found, points, edges, touched)
+        best, points, rate, lambda adjusted, touched: level_rig(adjusted, points, edges, touched)
     )
 
 
@@ -207,13 +207,13 @@ def _rank_starts(
         arrangements: Sequence[Arrangement], views: Sequence[int], points: PersonPoints, name: str
     ) -> list[tuple[Adjusted, Arrangement]]:
         found = []
-        for own in track(arrangements, len(arrangements), name):
-            chosen = [rig_start[k] for rig_start, k in zip(take.views, own.variants, strict=True)]
-            stature, lags = take.points.config.stature, np.array(own.lags, float)
-            rig = place_cameras(take.cameras, chosen, _angles(own.angles), own.lags, stature)
+        for tried in track(arrangements, len(arrangements), name):
+            chosen = [view[k] for view, k in zip(take.views, tried.variants, strict=True)]
+            stature, lags = take.points.config.stature, np.array(tried.lags, float)
+            rig = place_cameras(take.cameras, chosen, _angles(tried.angles), tried.lags, stature)
             placed = CameraRig(tuple(rig[view] for view in views))
             adjusted = adjust_extremes(placed, step * lags[[*views]], points, FIRST, step)
-            found += [] if adjusted is None else [(adjusted, own)]
+            found += [] if adjusted is None else [(adjusted, tried)]
         found.sort(key=lambda entry: measure_misfit(entry[0], points, step))
         others = [entry for entry in found[_FINALISTS:] if differ(entry[0], found[0][0])]
         return found[:_FINALISTS] + others[:1]
@@ -221,7 +221,7 @@ def _rank_starts(
     views, everyone = sorted(core), range(len(take.cameras))
     found = adjust(search.find(_CANDIDATES), views, whole.select(views), "arrangements")
     if found:
-        tried = [*(own for _, own in found), *search.move_one(found[0][1], _FINALISTS)]
+        tried = [*(entry[1] for entry in found), *search.move_one(found[0][1], _FINALISTS)]
         found = adjust(tried, everyone, whole, "places of one camera")
     finished = [adjust_extremes(pair.rig, pair.lags, whole, SECOND, step) for pair, _ in found]
     ranked = [pair for pair in finished if pair is not None]
@@ -253,8 +253,8 @@ def _refine_finely(
     views = LimbViews.create(points.hulls, points.contours)
     waists = [_find_waists(contours) for contours in points.contours]
 
-    def prepare(found: Adjusted, limbs: LimbPoints | None = None) -> MeasureShifted:
-        room = find_room_edges(found.rig, edges, find_up(found.rig))
+    def prepare(adjusted: Adjusted, limbs: LimbPoints | None = None) -> MeasureShifted:
+        room = find_room_edges(adjusted.rig, edges, find_up(adjusted.rig))
 
         def measure(
             shifts: np.ndarray,
@@ -265,11 +265,11 @@ def _refine_finely(
 
         return measure
 
-    def prepare_limbs(found: Adjusted) -> MeasureShifted:
-        return prepare(found, views.find_points(found.rig.cameras, found.lags))
+    def prepare_limbs(adjusted: Adjusted) -> MeasureShifted:
+        return prepare(adjusted, views.find_points(adjusted.rig.cameras, adjusted.lags))
 
-    found = refine_until_converged(start, points, prepare)
-    return refine_until_converged(found, points, prepare_limbs)
+    adjusted = refine_until_converged(start, points, prepare)
+    return refine_until_converged(adjusted, points, prepare_limbs)
 
 
 def _find_waists(contours: SilhouetteContours) -> np.ndarray:

@@ -185,14 +185,14 @@ class ArrangementSearch:
         best; the best partial arrangements are kept (beam search).
         """
         variants = range(next(iter(self._tables.values())).shape[0])
-        beam: list[tuple[float, dict[int, Place]]] = [(0.0, {0: (own, 0, 0)}) for own in variants]
+        beam: list[tuple[float, dict[int, Place]]] = [(0.0, {0: (k, 0, 0)}) for k in variants]
         for _ in range(1, self.n_cameras):
             view = self._choose_next(beam)
             grown = []
             for cost, places in beam:
                 for more, place in self._best_places(view, places):
                     grown.append((cost + more, {**places, view: place}))
-            grown.sort(key=lambda of: of[0])
+            grown.sort(key=lambda entry: entry[0])
             beam = self._keep_different(grown)
         return [self._describe(places) for _, places in beam[:count]]
 
@@ -201,10 +201,10 @@ class ArrangementSearch:
         other places where it fits the rest best."""
         places = dict(enumerate(zip(*vars(arrangement).values(), strict=True)))
         arrangements = []
-        for view, own in places.items():
+        for view, current in places.items():
             others = {other: place for other, place in places.items() if other != view}
-            tried = [(0.0, own), *self._best_places(view, others)]
-            different = self._keep_different([(cost, {**others, view: of}) for cost, of in tried])
+            tried = [(0.0, current), *self._best_places(view, others)]
+            different = self._keep_different([(cost, {**others, view: at}) for cost, at in tried])
             arrangements += [self._describe(moved) for _, moved in different[1 : 1 + count]]
         return arrangements
 

@@ -76,13 +76,14 @@ def check_seen(cameras: Sequence[Camera], outlines: Outlines) -> None:
     """Raise InputError if the person is seldom seen wholly, or hardly moves."""
     motions = []
     for camera, view_outlines in zip(cameras, outlines, strict=True):
-        whole = [of.points for of in view_outlines if of is not None and not of.at_border.any()]
+        within = [o for o in view_outlines if o is not None and not o.at_border.any()]
+        whole = [outline.points for outline in within]
         if len(whole) < FEWEST:
             raise InputError(
                 f"{camera.name}: the whole person is in {len(whole)} of {len(view_outlines)} "
                 f"pictures; expected {FEWEST} or more; {FILM}"
             )
-        edges = np.array([[*of.min(axis=0), *of.max(axis=0)] for of in whole])
+        edges = np.array([[*line.min(axis=0), *line.max(axis=0)] for line in whole])
         motions.append(edges.std(axis=0).max() / np.median(edges[:, 3] - edges[:, 1]))
     usual = float(np.median(motions))
     if usual < _LEAST_MOTION:
@@ -94,8 +95,8 @@ def check_seen(cameras: Sequence[Camera], outlines: Outlines) -> None:
 
 def _fit_views(cameras: Sequence[Camera], outlines: Outlines, step: int) -> list[list[UprightView]]:
     """Return what each camera tells of its tilt and height in every `step`-th frame."""
-    views = [fit_upright(c, own[::step]) for c, own in zip(cameras, outlines, strict=True)]
-    if any(own is None for own in views):
-        unseen = [c.name for c, own in zip(cameras, views, strict=True) if own is None]
+    views = [fit_upright(c, row[::step]) for c, row in zip(cameras, outlines, strict=True)]
+    if any(variants is None for variants in views):
+        unseen = [c.name for c, variants in zip(cameras, views, strict=True) if variants is None]
         raise InputError(f"{join_names(unseen)}: the person is seldom seen wholly; {FILM}")
-    return [own for own in views if own is not None]
+    return [variants for variants in views if variants is not None]

@@ -41,7 +41,7 @@ def triangulate_points(rig: CameraRig, points: FrontierPoints) -> np.ndarray:
 
 
 def align_to_person(
-    found: Adjusted, take: PersonTake, points: FrontierPoints, config: PersonConfig
+    adjusted: Adjusted, take: PersonTake, points: FrontierPoints, config: PersonConfig
 ) -> tuple[CameraRig, bool]:
     """Return the rig in metres with Z up and Z = 0 on the floor, below the person's middle, and
     whether up is the room's.
@@ -51,29 +51,29 @@ def align_to_person(
     camera's right.
     """
     stature = config.stature
-    rig = _place(found.rig, take.find_up(found.rig), points, stature)
+    rig = _place(adjusted.rig, take.find_up(adjusted.rig), points, stature)
     low, _ = _frame_extremes(triangulate_points(rig, points), points.frames)
     slope = fit_floor(low)
     rig = _place(rig, np.array([-slope[0], -slope[1], 1.0]), points, stature)
     rig, levelled = level_rig(
-        Adjusted(rig, found.lags, found.last), take.points, take.edges, points
+        Adjusted(rig, adjusted.lags, adjusted.last), take.points, take.edges, points
     )
     return _place(rig, np.array([0.0, 0.0, 1.0]), points, stature, floor=0.0), levelled
 
 
 def level_rig(
-    found: Adjusted, person: PersonPoints, edges: Sequence[np.ndarray], points: FrontierPoints
+    adjusted: Adjusted, person: PersonPoints, edges: Sequence[np.ndarray], points: FrontierPoints
 ) -> tuple[CameraRig, bool]:
     """Return a rig in metres, turned to the room's vertical edges [view] (N, 2, 2) px if these are
     clear, with Z = 0 on the floor, and whether they are.
 
-    found: Z is up to some degrees, and Z = 0 below the person to some decimetres.
+    adjusted: Z is up to some degrees, and Z = 0 below the person to some decimetres.
     """
-    rig = found.rig
+    rig = adjusted.rig
     up = fit_vertical(rig, edges, np.array([0.0, 0.0, 1.0]))
     if up is not None:
         rig = _transform(rig, turn_to_up(up, np.array([1.0, 0.0, 0.0])), np.zeros(3))
-    shifts, places = np.round(found.lags).astype(int), measure_places(rig, points)
+    shifts, places = np.round(adjusted.lags).astype(int), measure_places(rig, points)
     floor = measure_floor(rig, person.contours, shifts, *places)
     return _transform(rig, np.eye(3), np.array([0.0, 0.0, -floor])), up is not None
 

@@ -38,9 +38,9 @@ class GenericModel:
         if body == "pelvis":
             return np.zeros(3)
         parent = self.parents[body]
-        own, carrier = scales.get(body, np.ones(3)), scales.get(parent, np.ones(3))
+        scale, carrier = scales.get(body, np.ones(3)), scales.get(parent, np.ones(3))
         start: np.ndarray = self.origin(parent, scales) + self.near[body] * carrier
-        return start - self.far[body] * own
+        return start - self.far[body] * scale
 
 
 def find_model(path: Path | None) -> Path:
@@ -48,8 +48,8 @@ def find_model(path: Path | None) -> Path:
     InputError if there is none."""
     if path is not None:
         return path
-    found = importlib.util.find_spec("Pose2Sim")
-    places = found.submodule_search_locations if found is not None else None
+    spec = importlib.util.find_spec("Pose2Sim")
+    places = spec.submodule_search_locations if spec is not None else None
     for place in places or ():
         if (Path(place) / _CARRIED).is_file():
             return Path(place) / _CARRIED
@@ -105,13 +105,13 @@ _NEEDED = ("femur", "tibia", "talus", "calcn", "humerus", "ulna", "radius", "han
 
 def _read_frame(path: Path, frame: ElementTree.Element) -> tuple[str, np.ndarray]:
     """Return the body that an offset frame is fixed to, and its place (3,) m there."""
-    shown = frame.findtext("translation", "")
+    text = frame.findtext("translation", "")
     try:
-        place = np.array([float(value) for value in shown.split()])
+        place = np.array([float(value) for value in text.split()])
     except ValueError:
         place = np.empty(0)
     if place.shape != (3,) or not np.isfinite(place).all():
         raise InputError(
-            f"{path}: the translation of {frame.get('name')} is {shown!r}; expected three numbers"
+            f"{path}: the translation of {frame.get('name')} is {text!r}; expected three numbers"
         )
     return frame.findtext("socket_parent", "").strip().rpartition("/")[2], place

@@ -128,7 +128,7 @@ def scale_factors(body: BodyModel, model: GenericModel) -> dict[str, np.ndarray]
     trunk = float(shoulders[1] / theirs[1])
     forearm = near["radius_r"] - far["ulna_r"] + near["hand_r"] - far["radius_r"]
     shank = factor("knee", "ankle", near["talus_r"] - far["tibia_r"])
-    found = {
+    factors = {
         "pelvis": np.array([trunk, trunk, width("hip", "femur")]),
         "torso": np.array([trunk, trunk, width("shoulder", "humerus")]),
         "head": np.full(3, trunk),
@@ -139,10 +139,10 @@ def scale_factors(body: BodyModel, model: GenericModel) -> dict[str, np.ndarray]
         **dict.fromkeys(("tibia", "talus", "calcn", "toes"), shank),
         **dict.fromkeys(("ulna", "radius", "hand"), factor("elbow", "wrist", forearm)),
     }
-    found |= {f"{name}_{side}": value for name, value in limbs.items() for side in "lr"}
+    factors |= {f"{name}_{side}": value for name, value in limbs.items() for side in "lr"}
     if "sacrum" in model.parents:
-        found["sacrum"] = found["pelvis"]
-    return found
+        factors["sacrum"] = factors["pelvis"]
+    return factors
 
 
 def marker_places(
@@ -150,24 +150,24 @@ def marker_places(
 ) -> dict[str, tuple[str, np.ndarray, float]]:
     """Return the body, the place (3,) m in it before it is scaled, and the weight of each marker of
     the model, by name."""
-    found: dict[str, tuple[str, np.ndarray, float]] = {}
+    markers: dict[str, tuple[str, np.ndarray, float]] = {}
     for name, (carrier, carried, weight) in _JOINTS.items():
         for side in "lr":
-            own = carrier if carrier in ("pelvis", "torso") else f"{carrier}_{side}"
-            found[f"{side}_{name}"] = (own, model.near[f"{carried}_{side}"], weight)
+            segment = carrier if carrier in ("pelvis", "torso") else f"{carrier}_{side}"
+            markers[f"{side}_{name}"] = (segment, model.near[f"{carried}_{side}"], weight)
             if name in _LATERAL:
-                _, own, weight = _LATERAL[name]
-                outside = np.array([0, 0, _SIGNS[side] * _OUTSIDE]) / scales[f"{own}_{side}"]
-                found[f"{side}_{name}_lateral"] = (
-                    f"{own}_{side}", model.near[f"{carried}_{side}"] + outside, weight,
+                _, segment, weight = _LATERAL[name]
+                outside = np.array([0, 0, _SIGNS[side] * _OUTSIDE]) / scales[f"{segment}_{side}"]
+                markers[f"{side}_{name}_lateral"] = (
+                    f"{segment}_{side}", model.near[f"{carried}_{side}"] + outside, weight,
                 )  # fmt: skip
     at, factors = _upright(body), dict(scales)
     hips = (model.near["femur_l"] + model.near["femur_r"]) / 2 * factors["pelvis"]
     for name, (carrier, weight) in _FIXED.items():
         if name in at:
             inside = at[name] + hips - model.origin(carrier, factors)
-            found[name] = (carrier, inside / factors[carrier], weight)
-    return found
+            markers[name] = (carrier, inside / factors[carrier], weight)
+    return markers
 
 
 def _upright(body: BodyModel) -> dict[str, np.ndarray]:

@@ -34,14 +34,14 @@ def read_keypoints_npz(path: Path) -> RawKeypoints:
     if names is None:
         names = np.array(find_order(str(path), views))
         views = views[:, :, : len(names)]
-    for key, found, wanted in (
+    for key, values, wanted in (
         ("keypoint_names", names, views.shape[2]),
         ("camera_names", cameras, len(views)),
     ):
-        if found is not None and found.shape != (wanted,):
+        if values is not None and values.shape != (wanted,):
             raise InputError(
-                f"{path}: {key} has shape {found.shape}; expected ({wanted},), for keypoints of "
-                f"shape {data['keypoints'].shape}"
+                f"{path}: {key} has values {values.shape}; expected ({wanted},), for keypoints of "
+                f"values {data['keypoints'].shape}"
             )
     return _build_raw(path, views, tuple(map(str, names)), cameras)
 
@@ -65,8 +65,8 @@ def _read_files(path: Path, files: dict[str, Path]) -> RawKeypoints:
     }
     counts = {name: array.shape[2] for name, array in arrays.items()}
     if len(set(counts.values())) > 1:
-        found = join_names(f"{name} {count}" for name, count in counts.items())
-        raise InputError(f"{path}: cameras differ in their numbers of keypoints: {found}")
+        stated = join_names(f"{name} {count}" for name, count in counts.items())
+        raise InputError(f"{path}: cameras differ in their numbers of keypoints: {stated}")
     one = list(files) == [""]
     several = [str(files[name]) for name, array in arrays.items() if not one and len(array) > 1]
     if several:

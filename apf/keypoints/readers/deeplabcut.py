@@ -189,8 +189,8 @@ def _arrange_columns(
         raise InputError(f"{path}: has the same column twice, or none; expected {_EXPECTED}")
     strange = sorted({axis for *_, axis in columns} - set(_COORDINATES))
     if strange:
-        shown = repr(strange[0][:50])
-        raise InputError(f"{path}: has a coordinate {shown}; expected {join_names(_COORDINATES)}")
+        quoted = repr(strange[0][:50])
+        raise InputError(f"{path}: has a coordinate {quoted}; expected {join_names(_COORDINATES)}")
     out = np.full((len(values), len(individuals), len(parts), 3), np.nan)
     for n, individual in enumerate(individuals):
         for k, part in enumerate(parts):

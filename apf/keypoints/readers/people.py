@@ -77,15 +77,15 @@ def read_pictures(folder: Path, paths: Sequence[Path]) -> RawKeypoints | None:
     """
     cameras: dict[tuple[str, ...], dict[int, Path]] = {}
     for path in paths:
-        found = _STEM.fullmatch(path.stem)
-        if found is None:
+        match = _STEM.fullmatch(path.stem)
+        if match is None:
             continue
-        parts = (*path.relative_to(folder).parent.parts, found["camera"])
+        parts = (*path.relative_to(folder).parent.parts, match["camera"])
         files = cameras.setdefault(parts, {})
-        if int(found["frame"]) in files:
-            other = files[int(found["frame"])].name
+        if int(match["frame"]) in files:
+            other = files[int(match["frame"])].name
             raise InputError(f"{path}: has the frame number of {other}; expected one file a frame")
-        files[int(found["frame"])] = path
+        files[int(match["frame"])] = path
     views = {}
     for parts, files in cameras.items():
         layout = _find_layout([*files.values()])
@@ -169,11 +169,11 @@ def read_alphapose(folder: Path, paths: Sequence[Path]) -> RawKeypoints | None:
         if persons is not None:
             frames: dict[int, list[np.ndarray]] = {}
             for number, (picture, points) in enumerate(persons):
-                found = _STEM.fullmatch(Path(picture).stem)
-                if found is None:
+                match = _STEM.fullmatch(Path(picture).stem)
+                if match is None:
                     raise InputError(f"{path}: image_id {picture!r}; expected a frame's number")
-                counted = counted and Path(picture).stem == str(int(found["frame"]))
-                own = frames.setdefault(int(found["frame"]), [])
+                counted = counted and Path(picture).stem == str(int(match["frame"]))
+                own = frames.setdefault(int(match["frame"]), [])
                 own.append(_parse_points(path, number, {_POINTS: points}))
             if frames:
                 parts = (*path.relative_to(folder).parent.parts, path.stem)
@@ -190,16 +190,16 @@ def _list_alphapose(content: object) -> list[tuple[str, object]] | None:
     """Return the pictures' names and the persons' numbers; None if the content is another."""
     if isinstance(content, list):
         entries = [
-            of for of in content if isinstance(of, dict) and {"image_id", "keypoints"} <= set(of)
+            e for e in content if isinstance(e, dict) and {"image_id", "keypoints"} <= set(e)
         ]
         whole = len(entries) == len(content) > 0
-        return [(str(of["image_id"]), of["keypoints"]) for of in entries] if whole else None
+        return [(str(row["image_id"]), row["keypoints"]) for row in entries] if whole else None
     found: list[tuple[str, object]] = []
     for picture, value in content.items() if isinstance(content, dict) else ():
         persons = value.get("bodies", value.get("people")) if isinstance(value, dict) else None
-        if not isinstance(persons, list) or not all(isinstance(of, dict) for of in persons):
+        if not isinstance(persons, list) or not all(isinstance(entry, dict) for entry in persons):
             return None
-        found += [(picture, of.get("joints", of.get(_POINTS))) for of in persons]
+        found += [(picture, entry.get("joints", entry.get(_POINTS))) for entry in persons]
     return found or None
 
 
@@ -284,8 +284,8 @@ def _build_raw(path: Path, people: dict[tuple[str, ...], list[list[np.ndarray]]]
     if not counts:
         raise InputError(f"{path}: no person was found in any frame of any camera")
     if len(counts) > 1:
-        found = join_names(map(str, counts))
-        raise InputError(f"{path}: persons have {found} keypoints; expected the same number of all")
+        sizes = join_names(map(str, counts))
+        raise InputError(f"{path}: persons have {sizes} keypoints; expected the same number of all")
     views = {}
     for name, frames in zip(_short_names(list(people)), people.values(), strict=True):
         shape = (len(frames), max([1, *map(len, frames)]), counts[0], 3)
@@ -311,4 +311,4 @@ def _short_names(paths: list[tuple[str, ...]]) -> list[str]:
         while min(map(len, parts)) > 1 and len({path[end] for path in parts}) == 1:
             for path in parts:
                 del path[end]
-    return ["/".join(part for part in path if part) or "." for path in parts]
+    return ["/".join(name for name in path if name) or "." for path in parts]

@@ -37,23 +37,23 @@ class NumpyTracker(Tracker):
         """Track one frame further."""
         likelihood = self.likelihood
         likelihood.observe(with_points(observation, keypoints))
-        found = self._search()
+        estimate = self._search()
         n_dof = self.body.n_dof
         ended = LimbSearchResult(
-            found.pose, np.zeros((n_dof, n_dof)), found.pose[None], np.zeros(1)
+            estimate.pose, np.zeros((n_dof, n_dof)), estimate.pose[None], np.zeros(1)
         )
         if likelihood.points is not None or likelihood.observed is not None:
             frame = self._frame + 1
-            ended = search_limbs(self.body, likelihood, found.pose, self.config, frame)
+            ended = search_limbs(self.body, likelihood, estimate.pose, self.config, frame)
         pose = ended.pose
         # The first frame's change is the start's error, not a motion.
         change = pose - self._last if self._frame > 0 else np.zeros(self.body.n_dof)
-        self._last, self._drift = pose, pose - found.pose + self.config.search.velocity * change
+        self._last, self._drift = pose, pose - estimate.pose + self.config.search.velocity * change
         self._frame += 1
         misfit = likelihood.misfit(pose)
         likelihood.learn(pose)
         return replace(
-            found, pose=pose, information=ended.information, candidates=ended.candidates,
+            estimate, pose=pose, information=ended.information, candidates=ended.candidates,
             candidate_errors=ended.errors, misfit=misfit,
         )  # fmt: skip
 

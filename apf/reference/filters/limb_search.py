@@ -92,15 +92,15 @@ def search_limbs(
             errors = likelihood.rescore(poses, stride)
             of_kind = [np.flatnonzero(kinds == kind) for kind in range(2 * n_limbs)]
             tried = np.stack(
-                [poses[of[errors[of].argmin()]] if len(of) else mean for of in of_kind]
+                [poses[rows[errors[rows].argmin()]] if len(rows) else mean for rows in of_kind]
             )
             candidates[1:] = tried
     evidence = (likelihood.points, config, likelihood.observed)
-    found = [refine(body, pose, *evidence) for pose in candidates]
-    refined_poses = np.stack([pose for pose, _ in found])
+    refined = [refine(body, pose, *evidence) for pose in candidates]
+    refined_poses = np.stack([pose for pose, _ in refined])
     best, errors = 0, np.zeros(1)
     if n_limbs:
         errors = likelihood.rescore(refined_poses, 1, config.limb_search.least_recall)
         gains = errors[0] - np.abs(errors[0]) * np.repeat(limb_search.MARGINS, n_limbs) - errors[1:]
         best = int(np.r_[0.0, gains].argmax())
-    return LimbSearchResult(*found[best], refined_poses, errors)
+    return LimbSearchResult(*refined[best], refined_poses, errors)

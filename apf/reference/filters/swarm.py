@@ -65,5 +65,5 @@ def stop_at_limits(
     body: BodyModel, poses: np.ndarray, velocities: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return poses (N, D) within the limits, and velocities that are 0 where one was reached."""
-    kept = np.clip(poses, body.lower, body.upper)
-    return kept, np.where(kept == poses, velocities, 0.0)
+    inside = np.clip(poses, body.lower, body.upper)
+    return inside, np.where(inside == poses, velocities, 0.0)

@@ -87,9 +87,9 @@ def flat_part(
     insides = [erode(disc) for disc, rim in zip(shapes, outlined, strict=True) if rim]
     if not bare:
         sides = half_planes(corners, columns, rows)
-        shown = sides[[outlined[0], True, outlined[1], True]]
+        edges = sides[[outlined[0], True, outlined[1], True]]
         shapes.append(np.logical_and.reduce(sides))
-        insides.append(erode(np.logical_and.reduce(shown)))
+        insides.append(erode(np.logical_and.reduce(edges)))
     return fill_rows(shapes)[1:-1, 1:-1], fill_rows(insides)
 
 

@@ -52,7 +52,7 @@ def compute_contours(gradients: np.ndarray, maps: np.ndarray, contrast: int) -> 
     views, _, height, width = gradients.shape
     x, y = np.moveaxis(gradients.astype(np.int32), 1, 0)
     slopes = np.abs(x), np.abs(x + y) * 181 >> 8, np.abs(y), np.abs(y - x) * 181 >> 8
-    found = np.zeros((views, N_NORMALS, height, width), np.int32)
+    contours = np.zeros((views, N_NORMALS, height, width), np.int32)
     steps = ((1, 0), (1, 1), (0, 1), (-1, 1))
     for normal, (slope, (dx, dy)) in enumerate(zip(slopes, steps, strict=True)):
         reach = DIAGONAL_REACH if dx and dy else REACH
@@ -60,9 +60,9 @@ def compute_contours(gradients: np.ndarray, maps: np.ndarray, contrast: int) -> 
             columns = np.clip(np.arange(width) + step * dx, 0, width - 1)
             rows = np.clip(np.arange(height) + step * dy, 0, height - 1)
             moved = slope[:, rows[:, None], columns]
-            found[:, normal] = np.maximum(found[:, normal], moved)
+            contours[:, normal] = np.maximum(contours[:, normal], moved)
     scale = (255 << 16) // contrast + 1
-    values = np.minimum(found, contrast) * scale >> 16
+    values = np.minimum(contours, contrast) * scale >> 16
     silhouettes = maps[:, None, ..., 0]
     hidden = (silhouettes == 1) | (silhouettes == 254)
     values = np.where(hidden, HIDDEN, values)
@@ -71,10 +71,10 @@ def compute_contours(gradients: np.ndarray, maps: np.ndarray, contrast: int) -> 
 
 def _visible_pixels(maps: np.ndarray, margin: int) -> np.ndarray:
     """Return (V, 1, H, W) where maps (V, H, W, 2) are not 0, outside `margin` px of the border."""
-    shown = np.zeros((len(maps), 1, *maps.shape[1:3]), bool)
+    visible = np.zeros((len(maps), 1, *maps.shape[1:3]), bool)
     inner = slice(margin, -margin)
-    shown[:, 0, inner, inner] = maps[:, inner, inner].max(-1) > 0
-    return shown
+    visible[:, 0, inner, inner] = maps[:, inner, inner].max(-1) > 0
+    return visible
 
 
 def contour_means(
@@ -126,6 +126,6 @@ class NumpyContours(TermTwin):
     def view_errors(self, view: int, cones: np.ndarray) -> np.ndarray | None:
         if self.contours is None:
             return None
-        camera, body, own = self._scene.rig[view], self._scene.body, self.contours[view]
-        found = contour_means(camera, body, cones, own, self._row_parts, self._rows)
-        return self._settings.weight * (1 - found)
+        camera, body, view_maps = self._scene.rig[view], self._scene.body, self.contours[view]
+        means = contour_means(camera, body, cones, view_maps, self._row_parts, self._rows)
+        return self._settings.weight * (1 - means)

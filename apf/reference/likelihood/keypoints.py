@@ -37,13 +37,13 @@ def distances(
     (N,) of points (M, P, 3) m; infinite behind the camera."""
     out = np.full((len(points), len(observations), 2), np.inf)
     for view, camera in enumerate(rig):
-        own = observations.camera == view
-        seen = points[:, which[own]] @ camera.R.T + camera.t
+        rows = observations.camera == view
+        seen = points[:, which[rows]] @ camera.R.T + camera.t
         in_front = seen[..., 2:] > 1e-6
         with np.errstate(divide="ignore", invalid="ignore"):
             pixels = (seen / seen[..., 2:]) @ camera.K[:2].T
-        off = (pixels - observations.pixel[own]) * observations.inverse_scale[own, None]
-        out[:, own] = np.where(in_front, off, np.inf)
+        off = (pixels - observations.pixel[rows]) * observations.inverse_scale[rows, None]
+        out[:, rows] = np.where(in_front, off, np.inf)
     return out
 
 
@@ -54,13 +54,13 @@ def match_points(
     point's number (M, N), and the share d^2 / (d^2 + reach^2) of the distance d (M, N) (Geman &
     McClure 1987): as its own point or, at `EXCHANGE_COST` and the rest's share, as its partner,
     whichever has less."""
-    found = []
+    matches = []
     for which in (observations.point, observations.partner):
         off = distances(rig, points, which, observations)
         with np.errstate(invalid="ignore"):
             square = np.sum((off / reach) ** 2, -1)
-            found.append((off, np.where(np.isfinite(square), square / (1 + square), 1.0)))
-    (off, share), (other_off, other_share) = found
+            matches.append((off, np.where(np.isfinite(square), square / (1 + square), 1.0)))
+    (off, share), (other_off, other_share) = matches
     other_share = EXCHANGE_COST + (1 - EXCHANGE_COST) * other_share
     other = (observations.partner >= 0) & (other_share < share)
     point = np.where(other, observations.partner, observations.point)

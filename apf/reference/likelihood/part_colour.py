@@ -83,8 +83,8 @@ def count_codes(rig: CameraRig, body: BodyModel, pose: np.ndarray, codes: np.nda
     u = ((np.arange(COLUMNS) + 0.5) / COLUMNS)[:, None]
     for camera, view in zip(rig, codes, strict=True):
         corners = project_outlines(camera, cones)[0]
-        for c, own in enumerate(corners):
-            pixels = sample_outlines(own, t, u)
+        for c, corner in enumerate(corners):
+            pixels = sample_outlines(corner, t, u)
             others = np.delete(corners, c, 0)
             alone = ~is_in_outline(others[:, None, None], pixels).any(0)
             code = _lookup_codes(camera, view, pixels)

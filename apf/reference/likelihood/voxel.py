@@ -128,10 +128,10 @@ def total_errors(
             image_errors(camera, cones, view, sampling).sum(1), -1, 0
         )
         seen = (n_edge > 0) & (n_inner > 0)
-        own = config.edge_weight * edge / np.maximum(n_edge, 1)
-        own = own + config.silhouette_weight * inner / np.maximum(n_inner, 1)
-        own = sum((of for term in terms if (of := term.view_errors(v, cones)) is not None), own)
-        errors += np.where(seen, own, 0.0)
+        error = config.edge_weight * edge / np.maximum(n_edge, 1)
+        error = error + config.silhouette_weight * inner / np.maximum(n_inner, 1)
+        error = sum((e for term in terms if (e := term.view_errors(v, cones)) is not None), error)
+        errors += np.where(seen, error, 0.0)
         seeing += seen
     worst = config.edge_weight + config.silhouette_weight
     mean = np.where(seeing > 0, errors / np.maximum(seeing, 1), worst)
@@ -216,8 +216,8 @@ def uncrop(part: np.ndarray, corner: tuple[int, int], shape: tuple[int, int]) ->
     """Return the picture (H, W, ..) of `shape` = (H, W) whose crop `part` (h, w, ..) begins at
     `corner`, row and column; repeat the crop's border outside."""
     rows, columns = (
-        np.clip(np.arange(size) - first, 0, kept - 1)
-        for size, first, kept in zip(shape, corner, part.shape[:2], strict=True)
+        np.clip(np.arange(size) - first, 0, inner - 1)
+        for size, first, inner in zip(shape, corner, part.shape[:2], strict=True)
     )
     return part[rows[:, None], columns]
 

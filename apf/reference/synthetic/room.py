@@ -55,14 +55,14 @@ def room_colour(
     colour[on_floor] = floor_colour(p[on_floor, 0], p[on_floor, 1], seed)
     opening[on_floor] = floor_openness(boxes, p[on_floor, 0], p[on_floor, 1])
     for i, box in enumerate(boxes):
-        of = hit == i
-        colour[of] = box_colour(box, p[of], n[of], seed + 50 * i)
-        opening[of] = 1 - 0.35 * np.exp(-6 * p[of, 2])
+        rows = hit == i
+        colour[rows] = box_colour(box, p[rows], n[rows], seed + 50 * i)
+        opening[rows] = 1 - 0.35 * np.exp(-6 * p[rows, 2])
     for wall, (across, along, sign) in enumerate([(0, 1, 1), (1, 0, 1), (0, 1, -1), (1, 0, -1)]):
-        of = (hit < 0) & (sign * n[:, across] > 0.5)
-        colour[of] = wall_colour(wall, p[of, along], p[of, 2], posters, seed)
-        corner = ROOM[along] - np.abs(p[of, along])
-        opening[of] = 1 - 0.35 * np.exp(-5 * p[of, 2]) - 0.25 * np.exp(-4 * corner)
+        rows = (hit < 0) & (sign * n[:, across] > 0.5)
+        colour[rows] = wall_colour(wall, p[rows, along], p[rows, 2], posters, seed)
+        corner = ROOM[along] - np.abs(p[rows, along])
+        opening[rows] = 1 - 0.35 * np.exp(-5 * p[rows, 2]) - 0.25 * np.exp(-4 * corner)
     linear = colour * lighting(p, n, opening)[:, None]
     return 255 * np.sqrt(np.clip(linear / (1 + 0.18 * linear), 0, 1)), t, on_floor
 
@@ -181,8 +181,8 @@ def box_colour(box: np.ndarray, p: np.ndarray, n: np.ndarray, seed: int) -> np.n
         frame = (edge < 0.03) | z_face | (rest < 0.025)
         above = rest > 0.20 + 0.1 * h
         plank, dark = (0.10, 0.18, 0.27), (0.02, 0.02, 0.025)
-        shown = select_colours((frame, plank), (True, dark), like=h)
-        return np.where((frame | above)[:, None], shown, backs * spine[:, None])
+        colours = select_colours((frame, plank), (True, dark), like=h)
+        return np.where((frame | above)[:, None], colours, backs * spine[:, None])
     cloth = 0.75 + 0.5 * fractal_noise(across * 50, up * 50, seed)
     return hue_colour(box[7], 0.45, 0.25) * cloth[:, None]
 

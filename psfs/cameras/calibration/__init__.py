@@ -81,13 +81,13 @@ def find_calibration(folder: Path) -> Path | None:
     Raises InputError when one pattern matches several.
     """
     for pattern in _PATTERNS:
-        found = sorted(folder.glob(pattern.rstrip("/")))
-        found = [path for path in found if path.is_dir() == pattern.endswith("/")]
-        found = [path for path in found if not path.is_dir() or _holds_cameras(path)]
-        if len(found) == 1:
-            return found[0]
-        if found:
-            names = ", ".join(path.name for path in found)
+        files = sorted(folder.glob(pattern.rstrip("/")))
+        files = [path for path in files if path.is_dir() == pattern.endswith("/")]
+        files = [path for path in files if not path.is_dir() or _holds_cameras(path)]
+        if len(files) == 1:
+            return files[0]
+        if files:
+            names = ", ".join(path.name for path in files)
             raise InputError(f"{folder}: several calibrations ({names}); choose by `calibration`")
     models = ((folder / f"{name}{ending}" for name in ("cameras", "images")) for ending in _MODELS)
     if any(all(path.is_file() for path in model) for model in models):

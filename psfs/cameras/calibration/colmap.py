@@ -124,21 +124,21 @@ _LONGEST, _MOST_POINTS = 1024, 10_000_000
 def read_binary_cameras(path: Path) -> list[list[str]]:
     """Return ID, model, width, height and parameters of each camera. Raises InputError."""
     with open_input(path, _WHAT) as file, parsing(path, _WHAT):
-        found = []
+        cameras = []
         for _ in range(_read_count(file, path)):
             number, model, width, height = _unpack(file, "<iiQQ", path)
             if model not in _BINARY_MODELS:
                 raise InputError(f"{path}: camera {number} has model {model}; expected 0 to 10")
             name, count = _BINARY_MODELS[model]
             values = _unpack(file, f"<{count}d", path)
-            found.append([str(number), name, str(width), str(height), *map(repr, values)])
-        return found
+            cameras.append([str(number), name, str(width), str(height), *map(repr, values)])
+        return cameras
 
 
 def read_binary_images(path: Path) -> list[list[str]]:
     """Return ID, quaternion, translation, camera ID and name of each image. Raises InputError."""
     with open_input(path, _WHAT) as file, parsing(path, _WHAT):
-        found = []
+        images = []
         for _ in range(_read_count(file, path)):
             number, *pose, camera = _unpack(file, "<i7di", path)
             name = bytearray()
@@ -148,8 +148,8 @@ def read_binary_images(path: Path) -> list[list[str]]:
             if points > _MOST_POINTS or len(name) > _LONGEST:
                 raise InputError(f"{path}: image {number} is damaged; expected {_WHAT}")
             file.seek(24 * points, 1)
-            found.append([str(number), *map(repr, pose), str(camera), name.decode("utf-8")])
-        return found
+            images.append([str(number), *map(repr, pose), str(camera), name.decode("utf-8")])
+        return images
 
 
 def _read_count(file: IO[bytes], path: Path) -> int:

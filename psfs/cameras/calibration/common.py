@@ -87,7 +87,7 @@ class Layout:
         keys = [self.K, *self.distortion, self.R, self.t, self.pose, *self.size]
         needed = {key for key in keys if key}
         first = {self.pose} if self.pose_of == "neighbour" else set()
-        return all(needed - (set() if k else first) <= of.keys() for k, of in enumerate(records))
+        return all(needed - (set() if k else first) <= row.keys() for k, row in enumerate(records))
 
 
 #: Of records that readers make themselves, in the order of the file. Sizes may be absent.
@@ -112,26 +112,26 @@ def parse_numbers(words: Sequence[str], what: str) -> np.ndarray:
     large to be computed with."""
     values = []
     for word in words:
-        shown = repr(word if len(word) <= 40 else f"{word[:40]}...")
+        quoted = repr(word if len(word) <= 40 else f"{word[:40]}...")
         try:
             values.append(float(word))
         except ValueError:
-            raise InputError(f"{what}: found {shown}; expected a number") from None
+            raise InputError(f"{what}: found {quoted}; expected a number") from None
         if _TOO_LARGE < abs(values[-1]) < np.inf:  # cameras check whether numbers are finite
-            raise InputError(f"{what}: found {shown}; expected a number up to {_TOO_LARGE:g}")
+            raise InputError(f"{what}: found {quoted}; expected a number up to {_TOO_LARGE:g}")
     return np.array(values)
 
 
 def parse_array(value: object, count: int | None, what: str) -> np.ndarray:
     """Convert `value` to `count` finite float64 numbers; count None: any number of them."""
-    shown = repr(value) if len(repr(value)) < 100 else f"{repr(value)[:100]}..."
+    quoted = repr(value) if len(repr(value)) < 100 else f"{repr(value)[:100]}..."
     try:
         plain = np.asarray(value)
         if plain.dtype.kind not in "iuf" or plain.size > MOST_NUMBERS:
             raise ValueError
         flat = plain.astype(np.float64).ravel()
     except (TypeError, ValueError, OverflowError, RecursionError):
-        raise InputError(f"{what} is {shown}; expected a list of numbers") from None
+        raise InputError(f"{what} is {quoted}; expected a list of numbers") from None
     if count is not None and flat.size != count:
         raise InputError(f"{what} has {flat.size} numbers; expected {count}")
     if not np.isfinite(flat).all():

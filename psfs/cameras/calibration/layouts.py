@@ -120,8 +120,8 @@ def _find_records(content: Any) -> dict[str, Record]:
         records = dict(tables) if tables else {"": cameras}
     else:
         tables = {}
-        listed = [of for of in cameras if isinstance(of, Mapping)] if cameras else []
-        records = {str(of.get("name", f"cam{n:02d}")): of for n, of in enumerate(listed, 1)}
+        listed = [entry for entry in cameras if isinstance(entry, Mapping)] if cameras else []
+        records = {str(row.get("name", f"cam{n:02d}")): row for n, row in enumerate(listed, 1)}
         if len(records) < len(listed):
             raise InputError("camera names must differ; found the same name twice")
     poses = content.get("camera_poses") if isinstance(content, Mapping) else None

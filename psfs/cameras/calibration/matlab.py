@@ -34,16 +34,16 @@ def read_matlab(path: Path, unit: Unit | None, sizes: Sizes) -> Calibration:
     The cells of a variable `names` name them; without it they are cam01, cam02, ... in order.
     """
     with name_file_in_errors(path):
-        found = read_variables(path)
-        names = _read_names(found)
+        variables = read_variables(path)
+        names = _read_names(variables)
         parts = [
-            _find_stack(found, keys, (3, width)) for keys, width in ((_K, 3), (_R, 3), (_T, 1))
+            _find_stack(variables, keys, (3, width)) for keys, width in ((_K, 3), (_R, 3), (_T, 1))
         ]
         if all(part is not None for part in parts):
             K, R, t = (part for part in parts if part is not None)
             whole = np.concatenate([K, R, t], axis=2)
         else:
-            whole = _find_projections(found)
+            whole = _find_projections(variables)
         names = names or [f"cam{index:02d}" for index in range(1, len(whole) + 1)]
         if len(names) != len(whole):
             raise InputError(f"{len(names)} names for {len(whole)} cameras")
@@ -63,14 +63,14 @@ def read_variables(path: Path) -> dict[str, object]:
     """Return the variables of a MATLAB file by name. Raises InputError."""
     try:
         with open_input(path, "a MATLAB .mat file") as file:
-            found = scipy.io.loadmat(file, struct_as_record=True)
+            variables = scipy.io.loadmat(file, struct_as_record=True)
     except NotImplementedError:
         raise InputError("a MATLAB 7.3 file; expected one saved with `save -v7`") from None
     except UserError:
         raise
     except Exception:  # scipy raises anything for bytes that are not a MATLAB file
         raise InputError("cannot be read; expected a MATLAB .mat file") from None
-    return {name: value for name, value in found.items() if not name.startswith("__")}
+    return {name: value for name, value in variables.items() if not name.startswith("__")}
 
 
 def _list_matrices(value: object) -> list[np.ndarray]:
@@ -88,24 +88,24 @@ def _list_matrices(value: object) -> list[np.ndarray]:
     return [array.astype(float)] if array.ndim == 2 else []
 
 
-def _find_stack(found: dict[str, object], keys: tuple[str, ...], shape: tuple[int, int]) -> object:
+def _find_stack(stored: dict[str, object], keys: tuple[str, ...], shape: tuple[int, int]) -> object:
     """Return the first variable of `keys` that fits as (N, *shape); None if none fits."""
     for key in keys:
-        fitting = [m for m in _list_matrices(found.get(key, [])) if m.size == shape[0] * shape[1]]
+        fitting = [m for m in _list_matrices(stored.get(key, [])) if m.size == shape[0] * shape[1]]
         if fitting:
             return np.stack([matrix.reshape(shape) for matrix in fitting])
     return None
 
 
-def _find_projections(found: dict[str, object]) -> np.ndarray:
+def _find_projections(stored: dict[str, object]) -> np.ndarray:
     fitting = {
         name: [matrix for matrix in _list_matrices(value) if matrix.shape == (3, 4)]
-        for name, value in found.items()
+        for name, value in stored.items()
     }
     fitting = {name: matrices for name, matrices in fitting.items() if matrices}
     if not fitting:
         raise InputError(
-            f"variables {join_names(found)}; expected a cell array of 3x4 projection matrices, "
+            f"stored {join_names(stored)}; expected a cell array of 3x4 projection matrices, "
             "or K, R and t"
         )
     most = max(len(matrices) for matrices in fitting.values())
@@ -117,6 +117,6 @@ def _find_projections(found: dict[str, object]) -> np.ndarray:
     return np.stack(fitting[best[0]])
 
 
-def _read_names(found: dict[str, object]) -> list[str]:
-    cells = np.asarray(found.get("names", [])).ravel()
+def _read_names(stored: dict[str, object]) -> list[str]:
+    cells = np.asarray(stored.get("names", [])).ravel()
     return [str(np.asarray(cell).ravel()[0]) for cell in cells]

@@ -32,17 +32,17 @@ def read_toml_tables(path: Path, unit: Unit | None, sizes: Sizes) -> Calibration
     need `unit`. Raises InputError naming file, camera and key.
     """
     content = _name_caliscope_cameras(read_toml(path))
-    found = {
+    tables = {
         name: table
         for name, table in content.items()
         if isinstance(table, dict) and name.lower() not in _NOT_CAMERAS
     }
     with name_file_in_errors(path):
-        if not found:
+        if not tables:
             raise InputError("no camera tables; expected [name] with matrix, rotation, ...")
-        if unit is None and any("world_position" in table for table in found.values()):
+        if unit is None and any("world_position" in table for table in tables.values()):
             raise InputError("a FreeMoCap file does not say its unit; state it (usually unit mm)")
-        records = [(str(table.get("name") or key), table) for key, table in found.items()]
+        records = [(str(table.get("name") or key), table) for key, table in tables.items()]
         records.sort(key=lambda entry: natural_key(entry[0]))
         return build(_LAYOUT, records, unit, sizes)
 

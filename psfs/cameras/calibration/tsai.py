@@ -69,13 +69,13 @@ def _parse_parameters(text: str) -> Mapping[str, float]:
         )
     lines = [match for match in map(_LINE.match, text.splitlines()) if match]
     if not lines:
-        found = parse_numbers(text.split(), "Tsai's calibration")
-        values = dict(zip(_NAMES, found.tolist(), strict=False))
+        numbers = parse_numbers(text.split(), "Tsai's calibration")
+        values = dict(zip(_NAMES, numbers.tolist(), strict=False))
     else:
         values = {}
-        for name, number, of in (match.groups() for match in lines):
+        for name, number, unit in (match.groups() for match in lines):
             value = float(parse_numbers([number], f"Tsai's {name}")[0])
-            angle = name.lower() in ("rx", "ry", "rz") and of.lower().startswith("deg")
+            angle = name.lower() in ("rx", "ry", "rz") and unit.lower().startswith("deg")
             values[name.lower()] = np.radians(value) if angle else value
     if "dpx" not in values and {"dx", "ncx", "nfx"} <= values.keys() and values["nfx"]:
         values["dpx"] = values["dx"] * values["ncx"] / values["nfx"]

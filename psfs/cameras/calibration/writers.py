@@ -120,8 +120,8 @@ def write_qualisys(folder: Path, rig: CameraRig) -> Path:
     for camera in rig:
         if camera.distortion[4]:
             raise InputError(f"camera {camera.name} has k3; expected none, for Qualisys has no k3")
-        own = {"active": "1", "avg-residual": "0", "model": "none", "serial": camera.name}
-        element = ElementTree.SubElement(cameras, "camera", {**own, "viewrotation": "0"})
+        attributes = {"active": "1", "avg-residual": "0", "model": "none", "serial": camera.name}
+        element = ElementTree.SubElement(cameras, "camera", {**attributes, "viewrotation": "0"})
         width, height = camera.size
         field = {"left": 0, "top": 0, "right": width - 1, "bottom": height - 1}
         for tag in ("fov_marker", "fov_video"):

@@ -99,13 +99,13 @@ def _read_cameras(
     """Read the elements `tag`, named by their attribute `key`; if some film, those."""
     text = read_text(path, _find_encoding(path))
     with name_file_in_errors(path):
-        found = parse_xml(text, f"XML with {tag}").findall(tag)
-        if not found:
+        elements = parse_xml(text, f"XML with {tag}").findall(tag)
+        if not elements:
             raise InputError(f"no elements {tag}; expected calibrated cameras")
-        found = [of for of in found if _is_video(of)] or found
-        names = [of.get(key) or f"cam{index:02d}" for index, of in enumerate(found, 1)]
+        elements = [element for element in elements if _is_video(element)] or elements
+        names = [element.get(key) or f"cam{index:02d}" for index, element in enumerate(elements, 1)]
         records = [
-            (name, parse(of, f"camera {name}")) for name, of in zip(names, found, strict=True)
+            (name, parse(at, f"camera {name}")) for name, at in zip(names, elements, strict=True)
         ]
         return build(layout, records, unit, None)
 

@@ -44,9 +44,9 @@ def place_cameras(
     """
     pairs = []
     for pair in combinations(range(len(cameras)), 2):
-        found = _place_pair(cameras, observations, pair, noise)
-        if found is not None:
-            pairs.append((found[0], pair, found[1]))
+        placed = _place_pair(cameras, observations, pair, noise)
+        if placed is not None:
+            pairs.append((placed[0], pair, placed[1]))
     pairs.sort(key=lambda of: -of[0])
     scenes = [_place_others(scene, observations, pair, noise) for _, pair, scene in pairs[:_STARTS]]
     return [scene for scene in scenes if scene is not None]
