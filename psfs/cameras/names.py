@@ -122,7 +122,7 @@ def _example(cameras: Sequence[str], names: Sequence[str]) -> str:
 def rename_files(
     by_name: Mapping[str, T], files: Mapping[str, str] | None, where: str | None = None
 ) -> dict[str, T]:
-    """Return what was found by name, under the cameras' by_name where `files` says whose it is, by
+    """Return what was found by name, under the cameras' names where `files` says whose it is, by
     camera; other names as they are.
 
     where: place of the files; raises InputError for one that is not there. None: without one of
