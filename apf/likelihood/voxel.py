@@ -14,7 +14,6 @@ from apf.likelihood.config import EXCHANGE_COST, KeypointConfig, LikelihoodConfi
 from apf.likelihood.contour import N_NORMALS
 from apf.likelihood.observations import POINT_REACH, ObservedPoints
 from apf.likelihood.part_colour import N_CODES, RATIO_STEPS, find_trunk_cone, list_scored_parts
-from apf.likelihood.silhouette_recall import SilhouetteRecall
 from apf.likelihood.term import Shared, make_terms
 from apf.scene import Scene
 from cl import Array, InputError, Kernel, Launch
@@ -27,8 +26,8 @@ from psfs.voxels.device_voxels import CarvedVoxels
 from psfs.voxels.grid import VoxelGrid
 from psfs.voxels.reprojection import Reprojection
 
-#: Floats of a cone's outline in a picture: x and y of its corners.
-_OUTLINE_FLOATS = 8
+#: Floats of a cone's outline in a picture: x and y of its corners; and of its edges, three each.
+_OUTLINE_FLOATS, _EDGE_FLOATS = 8, 12
 #: Distance between the samples on a cone, m: as accurate as 0.05, in less time.
 _SAMPLE_SPACING = 0.06
 #: Distance, m, at which a surface voxel is half unexplained (Geman & McClure 1987): about that of a
@@ -38,7 +37,7 @@ SURFACE_SCALE = 0.05
 _FEWEST_SAMPLES = (4, 3)
 #: Numbers that score_poses adds up per camera, and items that add up each; numbers that it keeps of
 #: a camera then.
-_SUMS, _ADDERS, _VIEW_FLOATS = 8, 8, 3
+_SUMS, _ADDERS, _VIEW_FLOATS = 10, 8, 5
 
 
 def choose_cone_sampling(body: BodyModel, spacing: float = _SAMPLE_SPACING) -> np.ndarray:
@@ -123,10 +122,10 @@ class VoxelLikelihood(Likelihood):
         self._cameras = device.to_device(rig.packed(), "the cameras")
         self.n_launchers = 0
         self._scores: list[Launch] = []
-        self.points = points[1]
+        self.points, self._pixels = points[1], pixels[1]
+        self._sampled = {"points": points[0], "pixels": pixels[0]}
         self.errors = device.empty((n_particles,), np.float32, "the errors")
         self.misfits = device.zeros((1,), np.float32)
-        self._recall = SilhouetteRecall(scene, self._cameras, points, pixels)
         self._row_parts = device.to_device(list_scored_parts(body, rows))
         self._point_arguments: dict[str, Argument] = {
             "observed": None, "point_weight": 0.0, "point_reach": 1.0, "exchange": 0.0
@@ -174,7 +173,7 @@ class VoxelLikelihood(Likelihood):
         self.reprojection(voxels)
         if voxels is not self._voxels:
             self._voxels, self._grid = voxels, None
-            self._sample_surface = self._recall.sampling_launch(voxels)
+            self._sample_surface = self._sampling_launch(voxels)
         if voxels.grid is not self._grid:
             self._grid = voxels.grid
             position = [*voxels.grid.origin, voxels.grid.voxel_size]
@@ -236,15 +235,13 @@ class VoxelLikelihood(Likelihood):
         config, n = self.config, poses.shape[0]
         arguments: dict[str, Argument] = {
             **{"weights": config.weights, "posture_weight": config.posture_prior_weight},
-            **{"errors": errors, "misfits": misfits, **self._point_arguments},
+            **{"recall_weight": recall_weight, "errors": errors, "misfits": misfits},
+            **self._point_arguments,
         }
         score = self._launch(n, poses, subset, **arguments)
         self._weighed.append(score)
         score.set(**self._weights)
         launches = [score]
-        if recall_weight > 0:
-            score.set(posed=self._recall.cone_buffer(n))
-            launches.append(self._recall.launch(subset, recall_weight, errors))
         for name, term in self.terms.items():
             launches += term.launcher(poses, len(self.rig) * config.terms[name].weight, errors)
         return launches
@@ -254,8 +251,8 @@ class VoxelLikelihood(Likelihood):
         surface term, averaged over the cameras."""
         weights = np.array([0, 1, 1, 0], np.float32) / np.float32(len(self.rig))
         arguments: dict[str, Argument] = {
-            **{"weights": weights, "posture_weight": 0.0, "errors": self.misfits, "misfits": None},
-            **{**self._point_arguments, "observed": None},
+            **{"weights": weights, "posture_weight": 0.0, "recall_weight": 0.0},
+            **{**self._point_arguments, "errors": self.misfits, "misfits": None, "observed": None},
         }
         return [self._launch(1, poses, PointSubset(0, 1), **arguments)]
 
@@ -281,17 +278,36 @@ class VoxelLikelihood(Likelihood):
             stride=subset.stride,
             scale=SURFACE_SCALE,
             points=self.points,
+            pixels=self._pixels,
             n_pairs=self._n_pairs,
             pairs=self._pairs,
             posture=self._posture,
             **self._arguments,
             colour_weight=0.0,
             contour_weight=0.0,
-            posed=None,
             **arguments,
         )
         self._scores.append(launch)
         return launch
+
+    def _sampling_launch(self, voxels: CarvedVoxels) -> Launch:
+        """Return the launch that samples the surface of a frame; its argument `origin_size` is to
+        be set."""
+        defines = pack_defines(self.device, WIDE_GROUP) | self.rig.defines
+        return self.device.launch(
+            self.device.kernel("tracking/surface_samples", "sample_surface", **defines),
+            (-(-self.config.n_points // defines["PACK"]),),
+            (64,),
+            n_points=self.config.n_points,
+            n_views=len(self.rig),
+            count=voxels.count,
+            surface=voxels.surface,
+            ny=voxels.grid.shape[1],
+            nz=voxels.grid.shape[2],
+            origin_size=(0.0, 0.0, 0.0, 0.0),
+            cameras=self._cameras,
+            **self._sampled,
+        )
 
     def _row_arguments(self) -> dict[str, Argument]:
         """Return the arguments of score_poses that depend on the number of sample rows."""
@@ -311,13 +327,15 @@ class VoxelLikelihood(Likelihood):
         defines = body_defines(body) | pack_defines(self.device, WIDE_GROUP)
         if not self.rig.distorted:
             defines["NO_DISTORTION"] = 1
-        defines |= {"OUTLINE_FLOATS": _OUTLINE_FLOATS, **self.rig.defines}
+        defines |= {"OUTLINE_FLOATS": _OUTLINE_FLOATS, "EDGE_FLOATS": _EDGE_FLOATS}
+        defines |= self.rig.defines
         defines |= {"N_CODES": N_CODES, "RATIO_STEPS": RATIO_STEPS, "TRUNK": find_trunk_cone(body)}
         n_bones, n_cones, pack = len(body.bones), len(body.cones), 4 * defines["PACK"]
         posed = FRAME_FLOATS * n_bones + (CONE_FLOATS + SPAN_FLOATS) * n_cones
         items = _SUMS * (defines["GROUP"] + _SUMS) + defines["GROUP"]
         fixed = pack * (2 * body.n_dof + posed + items) + self._body.nbytes + self._rows.nbytes
-        per_view = pack * (_OUTLINE_FLOATS * n_cones + _SUMS * (_ADDERS + 1) + _VIEW_FLOATS)
+        outlined = (_OUTLINE_FLOATS + _EDGE_FLOATS) * n_cones
+        per_view = pack * (outlined + _SUMS * (_ADDERS + 1) + _VIEW_FLOATS)
         room = self.device.handle.local_mem_size
         views = (room - fixed) // per_view
         if views < 1:

@@ -36,7 +36,7 @@ _OF_FILE = {
     "tiles": "occupancy",
     "pool": "occupancy",
     "appearance": "learning",
-    "silhouette_recall": "likelihood",
+    "surface_samples": "likelihood",
     "limb_search": "refinement",
 }
 _OF_COMMAND = {

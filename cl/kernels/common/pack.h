@@ -21,8 +21,6 @@ typedef char vchar;
 #define LANE_OF(pack, l) (pack)
 #define PACK_OF(type, each) ((type)(each(0)))
 #define LOAD_PACK(place) (*(place))
-#define LOAD_CHARS LOAD_PACK
-#define LOAD_BYTES LOAD_PACK
 #define STORE_PACK(pack, place) (*(place) = (pack))
 #define PACK_SUM(pack) (pack)
 #define PACK_ANY(truth) (truth)
@@ -51,13 +49,24 @@ typedef PACKED(char) vchar;
 #define TO_CHAR PACKED(convert_char)
 #define TO_BYTES PACKED(convert_uchar)
 #define LANE_OF(pack, l) ((pack).s##l)
-#define LOAD_PACK(place) PACKED(vload)(0, place)
-#define STORE_PACK(pack, place) PACKED(vstore)(pack, 0, place)
-// Of chars or bytes: PoCL's vload loads them one by one.
-typedef PACKED(char) chars_anywhere __attribute__((aligned(1)));
-typedef PACKED(uchar) bytes_anywhere __attribute__((aligned(1)));
-#define LOAD_CHARS(place) (*(__global const chars_anywhere *)(place))
-#define LOAD_BYTES(place) (*(__global const bytes_anywhere *)(place))
+#define LOAD_PACK load_pack
+#define STORE_PACK store_pack
+// No vload and vstore: PoCL does not inline them, and loads chars one by one.
+#define ACCESS(space, type) \
+    typedef PACKED(type) space##_##type##s __attribute__((aligned(sizeof(type)))); \
+    static inline __attribute__((overloadable)) PACKED(type) load_pack(space const type *place) \
+    { \
+        return *(space const space##_##type##s *)place; \
+    } \
+    static inline __attribute__((overloadable)) void store_pack(PACKED(type) pack, space type *place) \
+    { \
+        *(space space##_##type##s *)place = pack; \
+    }
+#define ACCESSES(space) \
+    ACCESS(space, float) ACCESS(space, int) ACCESS(space, uint) ACCESS(space, char) ACCESS(space, uchar)
+ACCESSES(__global)
+ACCESSES(__local)
+ACCESSES(__private)
 #endif
 
 // The number of every lane.

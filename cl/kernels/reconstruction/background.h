@@ -9,8 +9,8 @@ static inline Colour colour_of(__global const uchar *pixel)
 #if PACK == 1
     return (Colour){pixel[0], pixel[1], pixel[2]};
 #else // 24 bytes as they lie, spread to the channels
-    const uchar16 first = (uchar16)(LOAD_BYTES(pixel), LOAD_BYTES(pixel + 8));
-    const uchar8 last = LOAD_BYTES(pixel + 16);
+    const uchar16 first = (uchar16)(LOAD_PACK(pixel), LOAD_PACK(pixel + 8));
+    const uchar8 last = LOAD_PACK(pixel + 16);
     return (Colour){TO_FLOAT((uchar8)(first.s0369, first.sCF, last.s25)),
                     TO_FLOAT((uchar8)(first.s147A, first.sD, last.s036)),
                     TO_FLOAT((uchar8)(first.s258B, first.sE, last.s147))};

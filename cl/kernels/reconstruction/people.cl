@@ -76,7 +76,7 @@ __kernel void divide_evidence(int2 picture, int n_spheres, float4 model, float p
     if (get_global_id(0) * PACK >= n) return;
     const int first = min((int)get_global_id(0) * PACK, n - PACK); // the last packs may overlap
     const size_t at = (size_t)view * n + first;
-    const vchar counts = LOAD_CHARS(evidence + at);
+    const vchar counts = LOAD_PACK(evidence + at);
     const vint shown = TO_INT(counts) > 0;
     if (!PACK_ANY(shown)) {
         for (int person = 0; person < PEOPLE; ++person)

@@ -142,7 +142,7 @@ static inline vchar evidence_of(int2 picture, __global const char *ratios,
     for (int row = -1; row <= 1; ++row)
 #pragma unroll
         for (int column = -1; column <= 1; ++column)
-            sum += TO_INT(LOAD_CHARS(middle + SUM_REACH * (row * (WIDTH + 2) + column)));
+            sum += TO_INT(LOAD_PACK(middle + SUM_REACH * (row * (WIDTH + 2) + column)));
 #define EVIDENCE(l) table[LANE_OF(sum, l)]
     const vint counts = PACK_OF(vint, EVIDENCE);
 #undef EVIDENCE
@@ -199,7 +199,7 @@ static inline vfloat mixed(int2 picture, __global const uchar *colour,
         const int dx = 2 * (direction % 3 - 1), dy = 2 * (direction / 3 - 1);
         const int step = dy * WIDTH + dx;
         const vint on_rim =
-            (TO_INT(LOAD_CHARS(person + step)) > 0) & (TO_INT(LOAD_CHARS(person - step)) < 0);
+            (TO_INT(LOAD_PACK(person + step)) > 0) & (TO_INT(LOAD_PACK(person - step)) < 0);
         if (!PACK_ANY(on_rim)) continue;
         const Chroma ahead =
             chroma_of(less(colour_of(colour + 3 * step), 1.0f,
@@ -236,7 +236,7 @@ __kernel void rim(int2 picture, __global const uchar *restrict images, __global 
             const int here = view * PIXELS + y * WIDTH + x;
             const vint column = x + LANE_NUMBERS;
             const vint asked = (column >= first) & (column < end_x) &
-                               (TO_INT(LOAD_CHARS(evidence + here)) > 0);
+                               (TO_INT(LOAD_PACK(evidence + here)) > 0);
             if (!PACK_ANY(asked)) continue;
             any = 1;
             if (!RIM) break;
@@ -247,7 +247,7 @@ __kernel void rim(int2 picture, __global const uchar *restrict images, __global 
                                           by_cell(picture, location + cells, x));
             __global char *old = ratios + ratio_place(picture, view, x, y);
             const vchar counts = in_counts(ratio);
-            const vint better = asked & (TO_INT(counts) > TO_INT(LOAD_CHARS(old)));
+            const vint better = asked & (TO_INT(counts) > TO_INT(LOAD_PACK(old)));
             if (!PACK_ANY(better)) continue;
             // One by one: other pixels of the pack may be another work-item's.
             char values[PACK];
@@ -288,16 +288,16 @@ __kernel void smoothed_evidence(int2 picture, __global const uchar *restrict sho
     if (!(left | right)) return;
     __global const uchar *light = luma + view * PIXELS + y * WIDTH + x;
     __global const char *ratio = ratios + ratio_place(picture, view, x, y);
-    const vfloat here = TO_FLOAT(LOAD_BYTES(light));
+    const vfloat here = TO_FLOAT(LOAD_PACK(light));
     vfloat sum = 0.0f, weights = 0.0f;
 #pragma unroll
     for (int row = -SMOOTH_REACH; row <= SMOOTH_REACH; ++row)
 #pragma unroll
         for (int column = -SMOOTH_REACH; column <= SMOOTH_REACH; ++column) {
-            const vfloat off = TO_FLOAT(LOAD_BYTES(light + row * WIDTH + column)) - here;
+            const vfloat off = TO_FLOAT(LOAD_PACK(light + row * WIDTH + column)) - here;
             const vfloat unlike = 1.0f + CONTRAST * off * off;
             const vfloat weight = 1.0f / (unlike * unlike);
-            sum += weight * TO_FLOAT(LOAD_CHARS(ratio + row * (WIDTH + 2) + column));
+            sum += weight * TO_FLOAT(LOAD_PACK(ratio + row * (WIDTH + 2) + column));
             weights += weight;
         }
     const vint place = TO_INT(9.0f * (sum / weights) - 9 * LOWEST + 0.5f);
@@ -308,7 +308,7 @@ __kernel void smoothed_evidence(int2 picture, __global const uchar *restrict sho
     const vint leftmost = (x + LANE_NUMBERS) / SPAN == x / SPAN;
     const vint near = (leftmost ? (vint)left : (vint)right) > 0;
     const vint found = in_picture(sizes, view, x, y) ? counts : 0;
-    STORE_PACK(TO_CHAR(near ? found : TO_INT(LOAD_CHARS(out))), out);
+    STORE_PACK(TO_CHAR(near ? found : TO_INT(LOAD_PACK(out))), out);
 }
 
 // Ready masks, 0..255; `table` holds the evidence of the 256 values.

@@ -1,10 +1,10 @@
 // How badly the poses of particles fit the voxels; twin: reference/likelihood/voxel.py.
-// Defines: those of kinematics.h; VIEWS, the cameras whose outlines are in local memory at once, at
+// Defines: those of kinematics.h; EDGE_FLOATS; VIEWS, the cameras whose outlines are in local memory at once, at
 // most GROUP; NO_DISTORTION if no camera has any; TRUNK, the cone that hides limbs behind it, or -1.
 // None depends on a body's size: bodies that differ in that alone share a program.
-#if !defined(CAMERA_FLOATS) || !defined(N_CODES) || !defined(OUTLINE_FLOATS) || !defined(PACK) || \
-    !defined(RATIO_STEPS) || !defined(TRUNK) || !defined(VIEWS)
-#error "tracking/likelihood.cl needs CAMERA_FLOATS, N_CODES, OUTLINE_FLOATS, PACK, RATIO_STEPS, TRUNK and VIEWS"
+#if !defined(CAMERA_FLOATS) || !defined(EDGE_FLOATS) || !defined(N_CODES) || !defined(OUTLINE_FLOATS) || \
+    !defined(PACK) || !defined(RATIO_STEPS) || !defined(TRUNK) || !defined(VIEWS)
+#error "tracking/likelihood.cl needs CAMERA_FLOATS, EDGE_FLOATS, N_CODES, OUTLINE_FLOATS, PACK, RATIO_STEPS, TRUNK and VIEWS"
 #endif
 #include "common/observed.h"
 #include "common/packed_cones.h"
@@ -15,7 +15,7 @@
 // Items that look at one camera's map.
 #define VIEW_LANES (GROUP / VIEWS)
 // Numbers in `samples`, and items that add each of them up over a view's.
-#define N_SUMS 8
+#define N_SUMS 10
 #define ADDERS (VIEW_LANES < 8 ? VIEW_LANES : 8)
 // Places between the numbers of neighbouring items: those that are added up together lie in
 // different banks of a GPU's memory.
@@ -40,6 +40,8 @@ INLINED void store_samples(samples sums, __local vint *partial)
     own[5 * APART] = sums.n_colour;
     own[6 * APART] = sums.contour;
     own[7 * APART] = sums.n_contour;
+    own[8 * APART] = sums.uncovered;
+    own[9 * APART] = sums.n_shown;
     barrier(CLK_LOCAL_MEM_FENCE);
 }
 
@@ -63,8 +65,9 @@ INLINED void add_samples(__local const vint *partial, __local vint *added,
     barrier(CLK_LOCAL_MEM_FENCE);
 }
 
-// What a view's sums say: its error, whether it counts, and its silhouette error alone.
-typedef struct { vfloat error, seeing, inside; } view_error;
+// What a view's sums say: its error, whether it counts, and its silhouette error alone; and what the
+// body leaves uncovered of the surface samples, and whether the view shows any.
+typedef struct { vfloat error, seeing, inside, uncovered, showing; } view_error;
 
 INLINED view_error error_of(__local const vint *totals, float2 weights, picture_cues cues)
 {
@@ -77,31 +80,36 @@ INLINED view_error error_of(__local const vint *totals, float2 weights, picture_
     const vfloat contour = 1.0f - TO_FLOAT(totals[6]) / (255.0f * outlined);
     const vfloat own = weights.x * edge + weights.y * inside - cues.colour_weight * colour +
                        cues.contour_weight * contour;
-    const vfloat zero = 0.0f;
-    return (view_error){seen ? own : zero, seen ? (vfloat)1.0f : zero, seen ? inside : zero};
+    const vfloat zero = 0.0f, one = 1.0f;
+    const vfloat uncovered = TO_FLOAT(totals[8]) / most(TO_FLOAT(totals[9]), one);
+    return (view_error){seen ? own : zero, seen ? one : zero, seen ? inside : zero, uncovered,
+                        totals[9] > 0 ? one : zero};
 }
 
 // Song et al. eq. (14)-(15) of the cameras from `first_view` on, at most VIEWS of them: the items'
 // sums over the rows of all cones become error and 1 of every camera that sees both edge and
 // silhouette, else 0 and 0; the first item adds them to its `sum`. The error has, times their
 // weights, what the contours that the camera sees along outlines lack of 1 on average, less the mean
-// log ratio of the colours that it sees, as a share of its bound.
+// log ratio of the colours that it sees, as a share of its bound. shown: of the first of all cameras.
 INLINED void score_views(int first_view, int n_views, int width, int height,
                          __global const float *cameras, __global const uchar *maps,
                          int n_rows, __local const float4 *rows, float2 weights,
-                         picture_cues cues, __local const vfloat *cones,
-                         __local vfloat *outlines, __local vint *partial,
+                         picture_cues cues, surface_samples shown, __local const vfloat *cones,
+                         __local vfloat *outlines, __local vfloat *edges, __local vint *partial,
                          __local view_error *views, view_error *sum)
 {
     const int lane = get_local_id(0), here = min(VIEWS, n_views - first_view);
-    for (int item = lane; item < here * N_CONES; item += GROUP)
+    for (int item = lane; item < here * N_CONES; item += GROUP) {
         cone_outline(cones + item % N_CONES * CONE_FLOATS,
                      cameras + (first_view + item / N_CONES) * CAMERA_FLOATS,
                      outlines + item * OUTLINE_FLOATS);
+        if (shown.n > 0)
+            outline_edges(outlines + item * OUTLINE_FLOATS, edges + item * EDGE_FLOATS);
+    }
     barrier(CLK_LOCAL_MEM_FENCE);
 
     const int view = lane / VIEW_LANES;
-    samples sums = {0, 0, 0, 0, 0, 0, 0, 0};
+    samples sums = {0, 0, 0, 0, 0, 0, 0, 0, 0, 0};
     if (view < here) {
         const size_t before = (size_t)(first_view + view) * cues.n_pixels;
         picture_cues own = cues;
@@ -117,12 +125,15 @@ INLINED void score_views(int first_view, int n_views, int width, int height,
                      outlines + view * N_CONES * OUTLINE_FLOATS, rows[r], item % SHARES, part, own,
                      hidden, &sums);
         }
+        shown.pixels += (first_view + view) * shown.n_points;
+        for (int k = lane % VIEW_LANES; k < shown.n; k += VIEW_LANES)
+            take_shown(shown, k, edges + view * N_CONES * EDGE_FLOATS, &sums);
     }
     store_samples(sums, partial);
     __local vint *added = partial + N_SUMS * APART, *totals = added + VIEWS * N_SUMS * ADDERS;
     add_samples(partial, added, totals);
     for (int v = lane; v < VIEWS; v += GROUP) {
-        const view_error none = {0.0f, 0.0f, 0.0f};
+        const view_error none = {0.0f, 0.0f, 0.0f, 0.0f, 0.0f};
         views[v] = v < here ? error_of(totals + v * N_SUMS, weights, cues) : none;
     }
     barrier(CLK_LOCAL_MEM_FENCE);
@@ -131,6 +142,8 @@ INLINED void score_views(int first_view, int n_views, int width, int height,
             sum->error += views[v].error;
             sum->seeing += views[v].seeing;
             sum->inside += views[v].inside;
+            sum->uncovered += views[v].uncovered;
+            sum->showing += views[v].showing;
         }
 }
 
@@ -188,6 +201,7 @@ typedef struct {
     float4 weights;
     int n_particles, n_views, width, height, n_rows, n_points, first_point, stride, n_pairs;
     float scale, posture_weight, colour_weight, contour_weight, point_weight, point_reach, exchange;
+    float recall_weight;
 } score_numbers;
 
 // The exponent of Song et al. eq. (16) with its sign put right: the sum over cameras of edge and
@@ -195,9 +209,10 @@ typedef struct {
 // that see no sample are replaced by the mean of the others; if no camera sees any, by the worst.
 // row_table: the rows of samples on all cones, for which `rows` is room. row_parts: of every row, the
 // part that is looked for in the pictures' codes and contours, or -1. observed: null, or points, see
-// observed.h. misfits: null, or gets silhouette and surface error alone, means over the cameras.
-// posed: null, or gets the cones of all particles, N_CONES x CONE_FLOATS each. One work-group per
-// pack of particles.
+// observed.h. pixels: of the surface voxels in every camera; the share of those that count that no
+// cone covers, a mean over the cameras that show any, is added with recall_weight once per camera.
+// misfits: null, or gets silhouette and surface error alone, means over the cameras. One work-group
+// per pack of particles.
 __kernel __attribute__((reqd_work_group_size(GROUP, 1, 1)))
 void score_poses(// constants
                  score_numbers numbers, __global const float *table,
@@ -208,23 +223,23 @@ void score_poses(// constants
                  __global const float *poses, __global const uchar *maps,
                  __global const uchar *contours, __global const uchar *codes,
                  __global const char *ratios, __global const float4 *points,
-                 __global const float4 *observed,
+                 __global const float2 *pixels, __global const float4 *observed,
                  // room
                  __local float4 *rows,
                  // out
-                 __global float *errors, __global float *misfits, __global float *posed)
+                 __global float *errors, __global float *misfits)
 {
     __local vfloat turns[2 * N_DOF], frames[N_BONES * FRAME_FLOATS];
     __local vfloat cones[N_CONES * CONE_FLOATS] __attribute__((aligned(64)));
     __local vfloat spans[N_CONES * SPAN_FLOATS] __attribute__((aligned(64)));
     __local float body[BODY_FLOATS];
     __local vfloat outlines[VIEWS * N_CONES * OUTLINE_FLOATS], sums[GROUP];
+    __local vfloat edges[VIEWS * N_CONES * EDGE_FLOATS] __attribute__((aligned(64)));
     __local vint partial[N_SUMS * (APART + VIEWS * (ADDERS + 1))];
     __local view_error views[VIEWS];
     const int lane = get_local_id(0), first = get_group_id(0) * PACK;
     for (int r = lane; r < numbers.n_rows; r += GROUP) rows[r] = row_table[r];
     take_cones(table, poses, first, numbers.n_particles, body, turns, frames, cones, spans);
-    if (posed) store_cones(cones, first, numbers.n_particles, posed);
 
     const int n = (numbers.n_points + numbers.stride - 1) / numbers.stride;
     vfloat missing = 0.0f, sum = 0.0f;
@@ -244,11 +259,13 @@ void score_poses(// constants
 
     const picture_cues cues = {codes, ratios, row_parts, contours, numbers.width * numbers.height,
                                numbers.colour_weight, numbers.contour_weight};
-    view_error seen = {0.0f, 0.0f, 0.0f};
+    const surface_samples shown = {pixels, numbers.n_points, numbers.first_point, numbers.stride,
+                                   numbers.recall_weight > 0.0f ? n : 0};
+    view_error seen = {0.0f, 0.0f, 0.0f, 0.0f, 0.0f};
     for (int view = 0; view < numbers.n_views; view += VIEWS)
         score_views(view, numbers.n_views, numbers.width, numbers.height, cameras, maps,
-                    numbers.n_rows, rows, numbers.weights.xy, cues, cones, outlines, partial, views,
-                    &seen);
+                    numbers.n_rows, rows, numbers.weights.xy, cues, shown, cones, outlines, edges,
+                    partial, views, &seen);
     sum = group_sum_of_packs(sums, sum + numbers.weights.z * missing);
     if (misfits) missing = group_sum_of_packs(sums, missing);
     if (lane == 0) {
@@ -256,8 +273,11 @@ void score_poses(// constants
         const vint any = seen.seeing > 0.0f;
         const vfloat error = any ? seen.error / n_seeing : (vfloat)(numbers.weights.x + numbers.weights.y);
         const vfloat misfit = missing + (any ? seen.inside / n_seeing : (vfloat)1.0f);
+        const vfloat recall_error =
+            seen.showing > 0.0f ? seen.uncovered / most(seen.showing, 1.0f) : (vfloat)1.0f;
         float lanes[PACK], misfit_lanes[PACK];
-        STORE_PACK((float)numbers.n_views * (error + sum), lanes);
+        STORE_PACK((float)numbers.n_views * (error + sum + numbers.recall_weight * recall_error),
+                   lanes);
         STORE_PACK(misfit, misfit_lanes);
         for (int l = 0; l < PACK && first + l < numbers.n_particles; ++l) {
             errors[first + l] = lanes[l];

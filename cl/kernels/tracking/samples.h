@@ -1,7 +1,9 @@
 // Samples on the outlines and inside of cones, in maps and pictures. Defines: those of
-// packed_cones.h; N_CODES; OUTLINE_FLOATS; TRUNK, the cone that hides limbs behind it, or -1.
-#if !defined(CAMERA_FLOATS) || !defined(N_CODES) || !defined(OUTLINE_FLOATS) || !defined(TRUNK)
-#error "tracking/samples.h needs CAMERA_FLOATS, N_CODES, OUTLINE_FLOATS and TRUNK"
+// packed_cones.h; EDGE_FLOATS; N_CODES; OUTLINE_FLOATS; TRUNK, the cone that hides limbs behind it,
+// or -1.
+#if !defined(CAMERA_FLOATS) || !defined(EDGE_FLOATS) || !defined(N_CODES) || \
+    !defined(OUTLINE_FLOATS) || !defined(TRUNK)
+#error "tracking/samples.h needs CAMERA_FLOATS, EDGE_FLOATS, N_CODES, OUTLINE_FLOATS and TRUNK"
 #endif
 #include "common/packed_cones.h"
 #include "tracking/codes.h"
@@ -14,10 +16,17 @@
 
 // Sums over samples of a map: 255 - value, and how many of them lie in the picture; of `colour` the
 // log ratios of visible samples, see part_colour.cl; of `contour` what visible samples of outlines
-// find of contour.cl's.
+// find of contour.cl's; and how many of the `n_shown` surface samples no cone covers.
 typedef struct {
-    vint edge, n_edge, inside, n_inside, colour, n_colour, contour, n_contour;
+    vint edge, n_edge, inside, n_inside, colour, n_colour, contour, n_contour, uncovered, n_shown;
 } samples;
+
+// Surface samples in a camera's picture: the pixels of all `n_points`, NOWHERE of those without one,
+// and the `n` that count, every `stride`-th from `first` on, after the last the first.
+typedef struct {
+    __global const float2 *pixels;
+    int n_points, first, stride, n;
+} surface_samples;
 
 // What is looked up in the pictures themselves: their codes, the table of log ratios, the part of
 // every row, their contours along each normal, the pixels of a picture, and what the means of both
@@ -30,6 +39,42 @@ typedef struct {
     int n_pixels;
     float colour_weight, contour_weight;
 } picture_cues;
+
+// The edges of an outline: four times a, b, c, of which a x + b y + c is positive on the inner side,
+// whichever way round the corners go; 0 of an outline that is NOWHERE.
+INLINED void outline_edges(__local const vfloat *corners, __local vfloat *edges)
+{
+    const vfloat area = (corners[4] - corners[0]) * (corners[7] - corners[3]) -
+                        (corners[6] - corners[2]) * (corners[5] - corners[1]);
+    const vfloat none = 0.0f, one = 1.0f;
+    const vfloat turn = corners[0] > NOWHERE && area != 0.0f ? (area > 0.0f ? one : -one) : none;
+    for (int i = 0; i < 4; ++i) {
+        const vfloat x = corners[2 * i], y = corners[2 * i + 1];
+        const vfloat a = turn * (y - corners[(2 * i + 3) % 8]);
+        const vfloat b = turn * (corners[(2 * i + 2) % 8] - x);
+        edges[3 * i] = a;
+        edges[3 * i + 1] = b;
+        edges[3 * i + 2] = -(a * x + b * y);
+    }
+}
+
+// Adds the k-th of the surface samples. edges: of all cones.
+INLINED void take_shown(surface_samples shown, int k, __local const vfloat *edges, samples *sums)
+{
+    const int at = shown.first + k * shown.stride;
+    const float2 pixel = shown.pixels[at < shown.n_points ? at : at - shown.n_points];
+    if (pixel.x <= NOWHERE) return;
+    vfloat covered = 0.0f;
+    const vint one = 1;
+    for (int c = 0; c < N_CONES; ++c, edges += EDGE_FLOATS) {
+        vfloat inner = edges[0] * pixel.x + (edges[1] * pixel.y + edges[2]);
+        for (int i = 3; i < EDGE_FLOATS; i += 3)
+            inner = least(inner, edges[i] * pixel.x + (edges[i + 1] * pixel.y + edges[i + 2]));
+        covered = most(covered, inner);
+    }
+    sums->uncovered += covered > 0.0f ? 0 : one;
+    sums->n_shown += 1;
+}
 
 // Adds the sample at pixel (x, y), whose half is added already, of one channel of a map.
 static inline void take_sample(__global const float *camera, __global const uchar *channel,

@@ -12,7 +12,6 @@ from helpers.parity import traced
 from apf.body.cones import project_outlines
 from apf.body.kinematics import posed_cones
 from apf.body.toml import load_body
-from apf.likelihood import silhouette_recall
 from apf.reference.likelihood.part_colour import is_in_outline
 from apf.reference.likelihood.voxel import sampled_surface, uncovered_errors
 from cl import Device
@@ -47,7 +46,7 @@ def test_a_hidden_leg_costs_what_it_leaves_uncovered() -> None:
     assert whole < 0.02 and half > whole + 0.05
 
 
-@pytest.mark.parity("tracking/silhouette_recall.add_uncovered")
+@pytest.mark.parity("tracking/likelihood.score_poses")
 @pytest.mark.parametrize(
     ("name", "views", "n_voxels"), [("song31", 5, 900), ("song31", 1, 0), ("stick", 5, 1)]
 )
@@ -70,7 +69,7 @@ def test_kernels_agree_with_the_twin(device: Device, name: str, views: int, n_vo
     assert np.isfinite(project_outlines(rig[0], posed_cones(body, poses))).any()
 
 
-@pytest.mark.parity("tracking/silhouette_recall.sample_surface")
+@pytest.mark.parity("tracking/surface_samples.sample_surface")
 @pytest.mark.parametrize(("views", "n_points"), [(1, 1), (5, 300)])
 def test_projected_points_agree_with_the_twin(device: Device, views: int, n_points: int) -> None:
     """A point on a picture's border may count as in or out."""
@@ -80,7 +79,7 @@ def test_projected_points_agree_with_the_twin(device: Device, views: int, n_poin
     setup = Setup(device, SONG, rig, poses, smooth_maps(rig), config, grid)
     indices = np.sort(np.random.default_rng(views).choice(grid.size, 999, replace=False))
     count, surface = np.array([999], np.int32), device.to_device(indices.astype(np.int32))
-    with traced("tracking/silhouette_recall.sample_surface") as launches:
+    with traced("tracking/surface_samples.sample_surface") as launches:
         setup.likelihood.observe(cloud(grid, surface, device.to_device(count)))
     found = launches[0].after["pixels"].reshape(views, n_points, 2)
     points = sampled_surface(grid.centres(indices), n_points)
@@ -96,12 +95,8 @@ def test_projected_points_agree_with_the_twin(device: Device, views: int, n_poin
         assert (both.any() and not both.all()) or n_points == 1
 
 
-@pytest.mark.parametrize("together", [4, 2])
-def test_the_other_kind_of_work_groups_finds_the_same(
-    device: Device, monkeypatch: pytest.MonkeyPatch, together: int
-) -> None:
-    """GPUs look at several cameras together, here at most at so many; CPUs at several samples."""
-    monkeypatch.setattr(silhouette_recall, "_VIEWS", together)
+def test_the_other_kind_of_work_groups_finds_the_same(device: Device) -> None:
+    """GPUs look at several samples of several cameras together, CPUs at several poses."""
     rig, grid, other = scenes.ring(3), scenes.small_grid(0.1), other_kind(device)
     indices, poses = np.arange(0, grid.size, 7, dtype=np.int32), bodies.scattered_poses(SONG, 23)
     config = only("none").with_changes(silhouette_recall_weight=1.5, n_points=301, point_turns=2)

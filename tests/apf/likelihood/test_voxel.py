@@ -91,7 +91,7 @@ def test_many_cameras_are_taken_in_turns(device: Device) -> None:
         Setup(device, crowd, rig, poses, setup.maps, CONFIG)
 
 
-@pytest.mark.parity("tracking/silhouette_recall.sample_surface")
+@pytest.mark.parity("tracking/surface_samples.sample_surface")
 @pytest.mark.parametrize("n_voxels", [0, 1, 99, 100, 101, 2345])
 def test_surface_samples_agree_with_the_twin(device: Device, n_voxels: int) -> None:
     body, grid = bodies.named("stick"), VoxelGrid(np.array([-0.3, 0.2, -0.1]), 0.07, (11, 17, 23))
