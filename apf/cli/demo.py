@@ -25,7 +25,8 @@ log = logging.getLogger(__name__)
 def run(request: DemoRequest) -> None:
     out = request.output
     check_number("--cameras", request.scene.cameras, 2, 64)  # a visual hull needs two
-    if isinstance(select_device(request.device), NumpyDevice):
+    device = select_device(request.device)  # held, so that its programs serve all steps
+    if isinstance(device, NumpyDevice):
         raise InputError("--device numpy renders no scene; expected an OpenCL device")
     with output_folder(out, request.COMMAND) as opened:
         opened.begin()  # remove the summary of an earlier demo before new results are written

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,9 +10,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from apf.studio.folders import CAMERAS
+from apf.studio.footage import VIEWER
 from apf.studio.found_target import FoundTarget
 from apf.studio.target_fields import PERSON, TargetFields
-from apf.studio.work import Work, WorkSlot, free_folder
+from apf.studio.work import Work, WorkLine, WorkSlot, free_folder
 from cl import UserError
 from psfs.calibration.targets.detection import (
     find_sightings,
@@ -22,9 +22,11 @@ from psfs.calibration.targets.detection import (
 )
 from psfs.cameras.calibration import read_calibration
 from psfs.common.requests import Stated
+from psfs.diagnostics.sequence_info import rig_extent
 from psfs.footage.settings import SequenceSettings
 from psfs.page.nodes import CameraNodes, add_floor, box_around
 from psfs.page.pictures import PictureReader, mosaic, small_pictures
+from psfs.page.server import look
 from psfs.page.timeline import TimeLine, add_key
 from psfs.page.words import classify, make_lines, make_text
 from psfs.request import MOST_TARGET_FRAMES, CalibrateRequest, frame_range
@@ -77,6 +79,7 @@ class CalibrateView:
                 "calibration", (_NONE, *self._known), initial_value=_NONE
             )
             self.use_button = gui.add_button("use these cameras", disabled=True)
+        self.line = WorkLine(gui, self.slot)
         self.words: Any = gui.add_html("")
         with gui.add_folder("calibrate the cameras") as calibrate:
             self.target = TargetFields(gui, self._known, PERSON)
@@ -98,7 +101,7 @@ class CalibrateView:
         self.target.kind.on_update(lambda event: self._show_fields())
         key = add_key(gui, "Look for the board or wand", "F", self.search)
         self._parts: list[Any] = [
-            self._status, self._picture, self._use_folder, calibrate, self.words, key,
+            self._status, self._picture, self._use_folder, calibrate, self.line, self.words, key,
         ]  # fmt: skip
         self._show_fields()
 
@@ -136,13 +139,10 @@ class CalibrateView:
                 stated["floor"] = frame_range(self.floor.value.strip())
             stated["folder"] = self.views.folder
             stated["output"] = free_folder(self._results, f"{self.views.folder.name}-cameras")
-            request, began = CalibrateRequest.from_stated(Stated(stated)), time.monotonic()
-
-            def tell(work: Work) -> None:
-                seconds = time.monotonic() - began
-                self._tell(f"calibrating: {seconds:.0f} s; it may take minutes")
-
-            self.slot.start(request, 0, tell, self._show_found)
+            request = CalibrateRequest.from_stated(Stated(stated))
+            self.slot.start(request, self.line.show, self._show_found)
+            self._notes, self.calibrate_button.disabled = [], True
+            self._tell("")
         except UserError as error:
             self._say(error)
 
@@ -183,11 +183,16 @@ class CalibrateView:
 
     def _show_found(self, work: Work) -> None:
         """Show what a calibration has found."""
+        self.line.show(work)
+        self.calibrate_button.disabled = False
         kind = "good" if work.succeeded else "warning"
         self._notes = [classify(line, kind) for line in work.words if not line.startswith("$ ")]
         if work.succeeded:
             file = work.output / CAMERAS
-            CameraNodes(self._server.scene, read_calibration(file))
+            rig = read_calibration(file)
+            CameraNodes(self._server.scene, rig)
+            middle = rig.centres.mean(axis=0)
+            look(self._server, middle, middle + rig_extent(rig) * VIEWER)
             self._known[work.output.name] = file
             self.cameras.options = (_NONE, *self._known)
             self.cameras.value, self._use_folder.visible = work.output.name, True

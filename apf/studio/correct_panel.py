@@ -44,13 +44,12 @@ _FIRST_STEP = "Go to a frame with a joint that is wrong, and choose the joint."
 
 
 class CorrectPanel:
-    """The panel. start: starts a request, for a number of frames; say: shows an error
-    on the page."""
+    """The panel. start: starts a request; say: shows an error on the page."""
 
     def __init__(
         self,
         server: viser.ViserServer,
-        start: Callable[[TrackRequest, int], object],
+        start: Callable[[TrackRequest], object],
         say: Callable[[object], object],
     ) -> None:
         self._server, self._start, self._say = server, start, say
@@ -225,7 +224,7 @@ class CorrectPanel:
         try:
             path = self.write()
             request = _repeat_request(self._watch.opened, path)
-            self._start(request, len(self._watch.opened.frames))
+            self._start(request)
             said = f"Saved in {path}. Tab Track: tracking again, into a folder of its own."
             self._message.content = make_text(said)
         except UserError as error:

@@ -40,7 +40,7 @@ class ExportPanel:
         self.ending = gui.add_dropdown("file", list(dict.fromkeys(ENDINGS)), initial_value=".bvh")
         self.smooth = gui.add_checkbox("smoothed", True, hint="as apf smooth does")
         self.button = gui.add_button("save", disabled=True)
-        self.report = gui.add_button("save the report", disabled=True)
+        self.report = gui.add_button("save the report", disabled=True, color="gray")
         self.button.on_click(lambda event: self._send(event.client, self.make_file))
         self.report.on_click(lambda event: self._send(event.client, self.read_report))
 

@@ -29,8 +29,8 @@ if TYPE_CHECKING:
     import viser
 
 _MOST_LAG = 30  # frames; longest lag that the curves show
-#: Position of the viewer relative to the volume's centre, times the extent of the rig.
-_VIEWER = np.array([0.6, -0.9, 0.5])
+#: Position of a viewer of a rig relative to its middle, times its extent.
+VIEWER = np.array([0.6, -0.9, 0.5])
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,7 +118,7 @@ class FootageView(Watch):
 
     def _first_view(self) -> tuple[np.ndarray, np.ndarray]:
         centre = np.mean(self.opened.box, axis=0)
-        return centre, centre + max(1.0, self.opened.info.extent) * _VIEWER
+        return centre, centre + max(1.0, self.opened.info.extent) * VIEWER
 
     def _set_corners(self, corners: np.ndarray) -> None:
         """Set the box on the page to corners (2, 3) m."""

@@ -17,7 +17,7 @@ from apf.studio.footage import FootageView
 from apf.studio.opened import MakeDevice, open_track
 from apf.studio.run_panel import RunPanel
 from apf.studio.watch import TrackWatch
-from apf.studio.work import Work, WorkSlot, free_folder
+from apf.studio.work import Work, WorkLine, WorkSlot, free_folder
 from cl import InputError, UserError
 from psfs.cli.program import describe
 from psfs.common.files import read_json
@@ -123,7 +123,10 @@ class Page(BrowserPage):
                 self.watch = TrackWatch(server, opened, *panels, self._line)
                 self._offer()
                 if running is None:
-                    verdict = [f"{line.partition(';')[0]}." for line in opened.quality[:1]]
+                    verdict = [
+                        f"{line[:1].upper()}{line.partition(';')[0][1:]}."
+                        for line in opened.quality[:1]
+                    ]
                     self._show_step("Check", " ".join([*verdict, _STEPS["Check"]]))
                 else:
                     self._show_step("Track", "The track so far; tab Track says how far it is.")
@@ -233,12 +236,13 @@ class Page(BrowserPage):
         """Make the walk of `apf demo` in a folder of the results, and open it."""
         output = free_folder(self._results, "demo")
         try:
-            self._demo.start(SynthRequest(output=output, device=self._device), end=self._show_demo)
-            self._message.content = make_text("Making a walk ...")
+            request = SynthRequest(output=output, device=self._device)
+            self._demo.start(request, self._demo_line.show, self._show_demo)
         except UserError as error:
             self.say(error)
 
     def _show_demo(self, work: Work) -> None:
+        self._demo_line.show(work)
         if work.succeeded:
             self._show_run(work.output)
         else:
@@ -258,6 +262,7 @@ class Page(BrowserPage):
         )
         self._opened = _NOTHING
         self._message: Any = gui.add_html("")
+        self._demo_line = WorkLine(gui, self._demo)
         again: Any = gui.add_button("look for new folders", color="gray")
         again.on_click(lambda event: self.list_folders())
         self.demo_button: Any = gui.add_button(

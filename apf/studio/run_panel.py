@@ -13,13 +13,13 @@ from apf.presets import PRESETS
 from apf.request import TrackRequest
 from apf.studio.opened import RunningTake
 from apf.studio.settings_panel import SettingsPanel
-from apf.studio.work import Work, WorkSlot, free_folder
+from apf.studio.work import Work, WorkLine, WorkSlot, free_folder
 from cl import InputError
 from psfs.common.requests import Stated
 from psfs.diagnostics.sequence_info import find_keypoints
 from psfs.page.server import read_choice, read_metres
 from psfs.page.timeline import add_key
-from psfs.page.words import classify, make_lines, make_text
+from psfs.page.words import classify, make_code, make_lines, make_text
 from psfs.request import frame_range
 from psfs.sequence import Sequence
 
@@ -50,8 +50,7 @@ class RunPanel:
         self._slot, self._n_shown = WorkSlot(), 0  # frames of the track so far that are shown
         self._running: RunningTake | None = None  # of the run that was started last
         self._message = gui.add_html(make_text("Open footage to track it."))
-        self.progress: Any = gui.add_progress_bar(0.0, visible=False)
-        self.cancel_button = gui.add_button("cancel", visible=False)
+        self.line = WorkLine(gui, self._slot)
         self._status = gui.add_html("")
         self.preset = gui.add_dropdown(
             "preset", [_OURS, *PRESETS], initial_value=_OURS, hint="a paper's whole system"
@@ -66,7 +65,6 @@ class RunPanel:
         self.start_button = gui.add_button("track", disabled=True, hint="key: T")
         self.settings = SettingsPanel(gui)
         self.start_button.on_click(lambda event: self.press_track())
-        self.cancel_button.on_click(lambda event: self.cancel())
         add_key(gui, "Track the footage", "T", self.press_track)
 
     @property
@@ -83,8 +81,8 @@ class RunPanel:
         self._sequence, self._volume = sequence, volume
         self.start_button.disabled = sequence is None or self._slot.busy
         if sequence is None:
-            idle = "" if self._slot.busy else make_text("Open footage to track it.")
-            self._message.content = idle
+            words = "" if self.work is not None else "Open footage to track it."
+            self._message.content = make_text(words)
             return
         self._message.content = make_text(f"{sequence.folder.name}: {len(sequence)} frames")
         self.keypoints.visible = find_keypoints(sequence.folder) is not None
@@ -113,29 +111,23 @@ class RunPanel:
         values = {name: value for name, value in stated.items() if value is not None}
         return TrackRequest.from_stated(Stated(values, self.settings.chosen.tables))
 
-    def start(self, request: TrackRequest, n_frames: int) -> Work:
+    def start(self, request: TrackRequest) -> Work:
         """Start a run into a new folder of the results. Raises InputError while another goes on."""
         output = free_folder(self._results, request.folder.resolve().name)
         own = self._sequence
         stated = request.stated.over(Stated({"output": output}))
         self._n_shown = 0
-        work = self._slot.start(TrackRequest.from_stated(stated), n_frames, self._follow, self._end)
+        work = self._slot.start(TrackRequest.from_stated(stated), self._follow, self._end)
         self._running = None
         if own is not None and own.folder == request.folder:
             self._running = RunningTake(own, request.reconstruction)
-        self.progress.value, self.progress.visible = 0.0, True
-        self.start_button.disabled, self.cancel_button.visible = True, True
+        self.start_button.disabled = True
         return work
 
     def find_running(self, output: Path) -> RunningTake | None:
         """Return what a run reads that was started here and goes on, by its folder."""
         same = self.work is not None and self.work.output.resolve() == output.resolve()
         return self._running if self._slot.busy and same else None
-
-    def cancel(self) -> None:
-        """Interrupt the run; what is tracked is kept."""
-        if self.work is not None:
-            self.work.cancel()
 
     def close(self) -> None:
         """End the run, if one goes on, and what shows it."""
@@ -146,9 +138,7 @@ class RunPanel:
         if self._sequence is None or self.start_button.disabled:
             return
         try:
-            request = self.make_request()
-            frames = range(len(self._sequence))[request.frames or slice(None)]
-            self.start(request, len(frames))
+            self.start(self.make_request())
         except InputError as error:
             self._say(error)
 
@@ -161,15 +151,13 @@ class RunPanel:
             self._show(work.output)
 
     def _end(self, work: Work) -> None:
-        self._tell(work)
         if (work.output / "track.npz").exists() or self._n_shown:
             self._show(work.output)
-        self.progress.visible = self.cancel_button.visible = False
+        self._tell(work)
         self.start_button.disabled = self._sequence is None
 
     def _tell(self, work: Work) -> None:
-        self.progress.value = min(100.0, 100.0 * work.count_frames() / max(1, work.n_frames))
-        kind = "warning" if work.ended and not work.succeeded else "note"
-        lines: list[tuple[str, object]] = [(kind, work.describe())]
-        lines += [classify(line, "note") for line in work.words]
-        self._status.content = make_lines(lines) + make_text(shlex.join(work.command))
+        self.line.show(work)
+        ended = [("good" if work.succeeded else "warning", work.describe())] if work.ended else []
+        lines = [*ended, *(classify(line, "note") for line in work.words)]
+        self._status.content = make_lines(lines) + make_code(shlex.join(work.command))

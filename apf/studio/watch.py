@@ -59,11 +59,7 @@ class TrackWatch(Watch):
         person = gui.add_dropdown(
             "curves of", list(tracks), initial_value=first, visible=len(tracks) > 1
         )
-        confidence = gui.add_plotly(draw_confidence(tracks[first]), aspect=1.6)
-        person.on_update(
-            lambda event: setattr(confidence, "figure", draw_confidence(tracks[person.value]))
-        )
-        self._parts += [person, confidence]
+        self._parts.append(person)
         if names := list(angle_curves(tracks[first])):
             chosen = gui.add_dropdown("angles", names, initial_value=names[0])
             curves = gui.add_plotly(draw_angles(tracks[first], names[0]), aspect=1.1)
@@ -74,6 +70,11 @@ class TrackWatch(Watch):
             chosen.on_update(draw)
             person.on_update(draw)
             self._parts += [chosen, curves]
+        confidence = gui.add_plotly(draw_confidence(tracks[first]), aspect=1.0)
+        person.on_update(
+            lambda event: setattr(confidence, "figure", draw_confidence(tracks[person.value]))
+        )
+        self._parts.append(confidence)
 
     def _find_stops(self) -> Sequence[int]:
         places = {frame: position for position, frame in enumerate(self.opened.frames.tolist())}

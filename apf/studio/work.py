@@ -9,18 +9,24 @@ import subprocess
 import threading
 from collections.abc import Callable
 from contextlib import ExitStack, suppress
+from datetime import timedelta
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import tomli_w
 
 from apf.tracking.track import PARTS, Track
 from cl import InputError, UserError
 from cl.probe import module_command
+from psfs.common.bars import PROGRESS, StatedProgress
 from psfs.common.files import temporary_folder
 from psfs.common.requests import Request, list_options
 from psfs.common.system import PATIENCE
 from psfs.footage.memory import store
-from psfs.page.words import REFRESH
+from psfs.page.words import REFRESH, make_text
+
+if TYPE_CHECKING:
+    import viser
 
 #: Characters of progress bars and tables, which the page has in its own way.
 _DRAWN = frozenset("━┃│└╇┡")
@@ -52,7 +58,6 @@ class WorkSlot:
     def start(
         self,
         request: Request,
-        n_frames: int = 0,
         tell: Callable[[Work], object] = lambda work: None,
         end: Callable[[Work], object] = lambda work: None,
     ) -> Work:
@@ -67,7 +72,7 @@ class WorkSlot:
         with self._lock:
             if self.busy:
                 raise InputError("a run goes on; expected one at a time (cancel it first)")
-            self.work = work = Work(request, n_frames)
+            self.work = work = Work(request)
             self._follower = threading.Thread(target=follow, daemon=True, name=request.COMMAND)
             self._follower.start()
         return work
@@ -76,6 +81,11 @@ class WorkSlot:
         """Wait until the command has ended and its end was told, at most so long."""
         if self._follower is not None and self._follower is not threading.current_thread():
             self._follower.join(seconds)
+
+    def cancel(self) -> None:
+        """Interrupt the command, if one goes on."""
+        if self.work is not None:
+            self.work.cancel()
 
     def close(self) -> None:
         """End the command, if one goes on."""
@@ -86,13 +96,10 @@ class WorkSlot:
 
 
 class Work:
-    """The running command of a request, which states the folder of its results, a new one.
+    """The running command of a request, which states the folder of its results, a new one."""
 
-    n_frames: how many are to be tracked.
-    """
-
-    def __init__(self, request: Request, n_frames: int = 0) -> None:
-        self.output, self.n_frames = Path(getattr(request, "output", ".")), n_frames
+    def __init__(self, request: Request) -> None:
+        self.output = Path(getattr(request, "output", "."))
         self._files = ExitStack()
         program, subcommand = request.COMMAND.split()
         words = [subcommand, *state_flags(request)]
@@ -104,13 +111,18 @@ class Work:
         self.command = [program, *words]
         self._counts: dict[Path, int] = {}
         self._lines: list[str] = []
+        self._progress = folder / "progress.json"
         command, environment = module_command(f"{program}.cli", words)
         self._process = subprocess.Popen(
             command,
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
-            env={**environment, **store(folder / "results.pickle")},
+            env={
+                **environment,
+                **store(folder / "results.pickle"),
+                PROGRESS: str(self._progress),
+            },
             text=True,
             errors="replace",
             start_new_session=True,
@@ -147,16 +159,18 @@ class Work:
                     self._counts[part] = len(Track.open(part))
         return sum(self._counts.values())
 
+    @property
+    def share(self) -> float:
+        """The share of its work that is done, 0 to 1."""
+        return StatedProgress.read(self._progress).share
+
     def describe(self) -> str:
         """Return what it is doing."""
         if self.ended:
             return "done" if self.succeeded else "ended early"
-        done = self.count_frames()
-        if done == 0:
-            return "examining the footage and finding the person ..."
-        if done < self.n_frames:
-            return f"tracking: {done} of {self.n_frames} frames"
-        return "checking the result, drawing the overlay ..."
+        stated = StatedProgress.read(self._progress)
+        left = "" if stated.left is None else f", {timedelta(seconds=round(stated.left))} left"
+        return f"{stated.words or 'beginning'}{left}"
 
     def cancel(self) -> None:
         """Interrupt it, as Ctrl-C does: it writes the frames that are tracked, and ends."""
@@ -180,6 +194,28 @@ class Work:
             for line in lines:
                 if line.strip() and not _DRAWN.intersection(line):
                     self._lines.append(line.rstrip())
+
+
+class WorkLine:
+    """What the page shows of the command of a slot while it goes on: a bar, what it is doing, and a
+    button that cancels it."""
+
+    def __init__(self, gui: viser.GuiApi, slot: WorkSlot) -> None:
+        self.words: Any = gui.add_html("", visible=False)
+        self.bar: Any = gui.add_progress_bar(0.0, visible=False)
+        self.cancel: Any = gui.add_button("cancel", visible=False, color="gray")
+        self.cancel.on_click(lambda event: slot.cancel())
+
+    def show(self, work: Work) -> None:
+        """Show how far a command is."""
+        self.words.content, self.bar.value = make_text(work.describe()), 100 * work.share
+        for part in (self.words, self.bar, self.cancel):
+            part.visible = not work.ended
+
+    def remove(self) -> None:
+        """Remove it from the page."""
+        for part in (self.words, self.bar, self.cancel):
+            part.remove()
 
 
 def state_flags(request: Request) -> list[str]:

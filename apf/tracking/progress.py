@@ -168,7 +168,6 @@ def make_stage_bar(console: Console, hidden: bool = False) -> Progress:
     """Return the bar that shows a `ProgressLine` on a console of rich."""
     from rich.progress import (
         BarColumn,
-        Progress,
         ProgressColumn,
         Task,
         TaskProgressColumn,
@@ -176,6 +175,8 @@ def make_stage_bar(console: Console, hidden: bool = False) -> Progress:
         TimeElapsedColumn,
     )
     from rich.text import Text
+
+    from psfs.common.bars import FollowedProgress
 
     class TimeLeftColumn(ProgressColumn):
         """The time until the task's expected `end`, which goes on while a stage reports nothing."""
@@ -187,7 +188,7 @@ def make_stage_bar(console: Console, hidden: bool = False) -> Progress:
             left = timedelta(seconds=max(0, round(end - (task.elapsed or 0.0))))
             return Text(str(left), style="progress.remaining")
 
-    return Progress(
+    return FollowedProgress(
         *(TextColumn("{task.description}", markup=False), BarColumn(), TaskProgressColumn()),
         *(TimeElapsedColumn(), TimeLeftColumn(), TextColumn("left")),
         console=console,

@@ -16,6 +16,8 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
+from psfs.common.bars import FollowedProgress
+
 #: Columns of output into a file or a pipe, which has no width of its own: room for the widest
 #: table.
 _UNLIMITED = 160
@@ -44,7 +46,7 @@ def make_log_console(file: TextIO) -> Console:
     )
 
 
-class _Bar(Progress):
+class _Bar(FollowedProgress):
     def stop(self) -> None:
         """Remove the bar if an error occurs before any progress."""
         self.live.transient = not any(task.completed for task in self.tasks)

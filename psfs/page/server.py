@@ -24,6 +24,7 @@ from psfs.page import drop
 from psfs.page.timeline import add_key
 
 if TYPE_CHECKING:
+    import numpy as np
     import viser
 
 #: The only address that the server listens on.
@@ -94,6 +95,13 @@ def stop_server(server: viser.ViserServer) -> None:
     """Stop a server without viser's messages."""
     with _ONE_AT_A_TIME, redirect_stdout(io.StringIO()):
         server.stop()
+
+
+def look(server: viser.ViserServer, look_at: np.ndarray, position: np.ndarray) -> None:
+    """Have all browsers look at a point (3,) m from another."""
+    for client in server.get_clients().values():
+        with client.atomic():
+            client.camera.position, client.camera.look_at = position, look_at
 
 
 def page_address(server: viser.ViserServer, gate: Gate) -> str:

@@ -15,7 +15,7 @@ from psfs.page.colours import COLOURINGS, describe_scale
 from psfs.page.look_through import LookThrough
 from psfs.page.nodes import CameraNodes, VoxelNode, add_floor
 from psfs.page.pictures import PictureReader, draw_views, small_pictures
-from psfs.page.server import BrowserPage
+from psfs.page.server import BrowserPage, look
 from psfs.page.timeline import TimeLine, add_key
 from psfs.page.words import REFRESH, make_lines, make_scale, make_text
 from psfs.sequence import Frame
@@ -187,10 +187,7 @@ class Watch:
 
     def look_from_start(self) -> None:
         """Look from where the page began."""
-        look_at, position = self._first_view()
-        for client in self._server.get_clients().values():
-            with client.atomic():
-                client.camera.position, client.camera.look_at = position, look_at
+        look(self._server, *self._first_view())
 
     def close(self) -> None:
         """End all work in the background, and remove everything from the page."""

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Sequence
 
 from psfs.common.ranges import escape_unprintable
 
+_HEAD = "padding:1px 8px 1px 0;vertical-align:bottom;text-align:left"
 _CELL = "padding:1px 8px 1px 0;vertical-align:top;white-space:nowrap"
 #: Least time between two changes of a page, s: browsers draw whole panels again.
 REFRESH = 0.2
@@ -21,7 +22,7 @@ def escape(text: object) -> str:
 
 def make_table(rows: Iterable[Sequence[object]], heading: Sequence[object] = ()) -> str:
     """Return rows of texts as an HTML table."""
-    head = "".join(f"<th style='text-align:left;{_CELL}'>{escape(c)}</th>" for c in heading)
+    head = "".join(f"<th style='{_HEAD}'>{escape(c)}</th>" for c in heading)
     body = "".join(
         "<tr>" + "".join(f"<td style='{_CELL}'>{escape(cell)}</td>" for cell in row) + "</tr>"
         for row in rows
@@ -47,6 +48,12 @@ def make_text(text: object) -> str:
     return _block(f"<div>{escape(text)}</div>")
 
 
+def make_code(text: object) -> str:
+    """Return a command as it is typed, small."""
+    style = "font-family:monospace;font-size:0.85em;opacity:0.6;padding:4px 0"
+    return _block(f"<div style='{style}'>{escape(text)}</div>")
+
+
 def make_steps(steps: Sequence[str], current: str) -> str:
     """Return a numbered row of steps; those before the current one are ticked, it is marked."""
     number = steps.index(current)
@@ -54,9 +61,8 @@ def make_steps(steps: Sequence[str], current: str) -> str:
     for index, step in enumerate(steps):
         sign = _SIGNS["good"] if index < number else str(index + 1)
         style = "font-weight:bold;border-bottom:2px solid" if index == number else "opacity:0.6"
-        cells.append(
-            f"<span style='padding:2px 3px;white-space:nowrap;{style}'>{sign} {escape(step)}</span>"
-        )
+        style += ";margin-right:6px;padding:2px 0;white-space:nowrap"
+        cells.append(f"<span style='{style}'>{sign} {escape(step)}</span>")
     return _block("".join(cells))
 
 
@@ -70,5 +76,5 @@ def make_scale(text: str, colours: Sequence[str]) -> str:
 
 
 def _block(content: str) -> str:
-    style = "font-size:0.85em;padding:2px 12px;overflow-x:auto;overflow-wrap:break-word"
+    style = "font-size:0.85em;padding:2px 9px;overflow-x:auto;overflow-wrap:break-word"
     return f"<div style='{style}'>{content}</div>"

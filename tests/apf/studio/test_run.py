@@ -89,7 +89,7 @@ def test_a_command_states_what_its_request_states(tmp_path: Path) -> None:
 
 
 def test_error_of_a_run_is_shown(tmp_path: Path) -> None:
-    work = Work(request_of(tmp_path, {"method": {"recover": False}}), 1)
+    work = Work(request_of(tmp_path, {"method": {"recover": False}}))
     settings = Path(work.command[-1])
     assert read_toml(settings) == {"method": {"recover": False}}
     wait_for(lambda: work.ended)
@@ -142,15 +142,15 @@ def test_page_tracks_corrects_and_takes_home(page: Page, take: Path) -> None:
     run.frames.value, run.fast.value = "0:3", True
     more = {"report": False, "video": False, "voxel_size": 0.05, "all_cameras": True}
     stated = Stated({**more, "init": take / "truth.npz"}).over(run.make_request().stated)
-    work = run.start(TrackRequest.from_stated(stated), 3)
+    work = run.start(TrackRequest.from_stated(stated))
     running = run.find_running(work.output)
     assert running is not None and running.sequence.folder == take
     with pytest.raises(InputError, match="one at a time"):
-        run.start(run.make_request(), 3)
+        run.start(run.make_request())
     wait_for(lambda: work.ended)
     assert work.succeeded, work.words
     assert run.find_running(work.output) is None
-    wait_for(lambda: page.watch is not None and not run.cancel_button.visible)
+    wait_for(lambda: page.watch is not None and not run.line.cancel.visible)
     watch = page.watch
     assert watch is not None and watch.opened.frames.tolist() == [0, 1, 2]
     settings = read_toml(work.output / "settings.toml")

@@ -6,6 +6,7 @@ import pytest
 from rich.console import Console
 
 from apf.tracking.progress import AGAIN, BY_FRAMES, ProgressLine, make_stage_bar
+from psfs.common.bars import PROGRESS, StatedProgress
 
 
 @pytest.mark.parametrize("slower", [0.7, 1.0, 1.4])
@@ -27,3 +28,18 @@ def test_end_of_a_take_is_known_after_a_tenth(slower):
     for now, end in ends:
         if now > clock[0] / 10:
             assert 1 / 1.5 < end / clock[0] < 1.5
+
+
+def test_process_that_started_a_command_follows_its_bar(tmp_path, monkeypatch):
+    file = tmp_path / "progress.json"
+    assert StatedProgress.read(file) == StatedProgress()
+    monkeypatch.setenv(PROGRESS, str(file))
+    with make_stage_bar(Console(file=io.StringIO())) as bar:
+        line = ProgressLine(bar)
+        line.n_frames = 10
+        line("examining")
+        line("tracking")
+        bar.get_renderable()
+        stated = StatedProgress.read(file)
+    assert stated.words == "tracking 1/10" and 0 < stated.share < 1
+    assert stated.left is not None and stated.left > 0
