@@ -9,20 +9,20 @@ COMMANDS = list_commands(
     "psfs",
     {
         "footage and cameras": {
-            "info": "cameras, frames and warnings of a sequence",
-            "calibrate": "find the cameras from a board or a wand that was waved through the "
+            "info": "Cameras, frames and warnings of a sequence",
+            "calibrate": "Find the cameras from a board or a wand that was waved through the "
             "volume, or from a person",
-            "convert": "write any footage that can be read as a native folder",
+            "convert": "Write any footage that can be read as a native folder",
         },
         "voxels": {
-            "reconstruct": "reconstruct a voxel cloud per frame",
-            "mesh": "make closed surfaces of reconstructed frames",
+            "reconstruct": "Reconstruct a voxel cloud per frame",
+            "mesh": "Make closed surfaces of reconstructed frames",
         },
         "a look at them": {
-            "silhouettes": "show the silhouettes that are reconstructed from as pictures",
-            "check": "compare reprojected clouds with the silhouettes of their frames",
-            "view": "play a run on a page in the browser, or write a picture",
+            "silhouettes": "Show the silhouettes that are reconstructed from as pictures",
+            "check": "Compare reprojected clouds with the silhouettes of their frames",
+            "view": "Play a run on a page in the browser, or write a picture",
         },
-        "this computer": {"devices": "try the OpenCL devices and list them"},
+        "this computer": {"devices": "Try the OpenCL devices and list them"},
     },
 )
