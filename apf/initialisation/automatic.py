@@ -38,6 +38,8 @@ _CLOSE = 1.4
 _MISFIT_POWER = 0.3
 #: Misfit, see `apf.likelihood.base`, above which no body was found.
 _HOPELESS = 0.9
+#: Steps of a body's fit: seven more lower the cost by 2 %.
+_FIT_STEPS = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -209,7 +211,9 @@ class _Search:
         some = slice(anchor % every, None, every)
         fitted = Fitted(found.shape, poses[some])
         evidence = SurfaceEvidence(self._clouds[some])
-        fitted = fit_body(self.model, evidence, fitted, free=self._free, height=self._height)
+        fitted = fit_body(
+            self.model, evidence, fitted, free=self._free, height=self._height, steps=_FIT_STEPS
+        )
         tracker, poses[some] = (
             self._trackers(self.model.body(fitted.shape), self.config),
             fitted.poses,

@@ -2,7 +2,7 @@
 
 A cone is 16 floats: A (3), radius at A, B (3), radius at B, X / sx (3), 0, Y / sy (3), 0, where A,
 B are the end centres and X, Y the unit axes of the elliptic section with the scales sx, sy. Also
-the float64 specification of `cone_distance` and `ray_cone_distance` in cones.h.
+the float64 specification of `cone_distance` in cones.h and `ray_distance` in body_location.cl.
 """
 
 from __future__ import annotations

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from cl import Array, Device, InputError
-from cl.workgroups import row_group, size_defines
+from cl.workgroups import pixel_pack, row_group, size_defines
 from psfs.cameras.camera import CameraRig
 from psfs.cameras.rig_geometry import CELL, cell_rays, cells
 from psfs.common.cones import CONE_FLOATS, largest_slopes
@@ -169,15 +169,16 @@ class BodyLocation:
     def __init__(self, device: Device, rig: CameraRig, location: Array, body: Array) -> None:
         rows, columns = cells(rig)
         centres = np.pad(rig.centres, ((0, 0), (0, 1))).astype(np.float32)
-        defines = {"CELL": CELL, **size_defines(device, rig.picture)}
+        pack, rays = pixel_pack(device, columns), np.moveaxis(cell_rays(rig), -1, 1)
+        defines = {"CELL": CELL, "PACK": pack, **size_defines(device, rig.picture)}
         kernel = device.kernel("reconstruction/body_location", "body_location", **defines)
         self._launch = device.launch(
             kernel,
-            (columns, rows, len(rig)),
+            (-(-columns // pack), rows, len(rig)),
             row_group(device),
             picture=rig.picture,
             centres=device.to_device(centres, "the cameras' centres"),
-            rays=device.to_device(cell_rays(rig).astype(np.float32), "the cells' rays"),
+            rays=device.to_device(rays.astype(np.float32, "C"), "the cells' rays"),
             body=body,
             location=location,
         )

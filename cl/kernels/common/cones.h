@@ -27,18 +27,3 @@ static inline float cone_distance(float16 cone, float3 point)
     return sqrt(u * u + v * v + beyond * beyond * dot(axis, axis)) -
            (cone.s3 + t * (cone.s7 - cone.s3));
 }
-
-// Signed distance from the line through `from` along `ray` to the cone's surface, measured as
-// `cone_distance` measures.
-static inline float ray_cone_distance(float16 cone, float3 from, float3 ray)
-{
-    const float3 a = cone.s012, axis = cone.s456 - a, x = cone.s89a, y = cone.scde, offset = from - a;
-    const float length = sqrt(dot(axis, axis));
-    const float3 p = (float3)(dot(offset, x), dot(offset, y), dot(offset, axis) / length);
-    const float3 d = (float3)(dot(ray, x), dot(ray, y), dot(ray, axis) / length);
-    const float nearest = -(p.x * d.x + p.y * d.y) / fmax(d.x * d.x + d.y * d.y, 1e-12f);
-    const float t = clamp((p.z + nearest * d.z) / length, 0.0f, 1.0f);
-    const float3 end = p - (float3)(0.0f, 0.0f, t * length);
-    const float3 left = end - dot(end, d) / dot(d, d) * d;
-    return sqrt(dot(left, left)) - (cone.s3 + t * (cone.s7 - cone.s3));
-}
