@@ -15,10 +15,9 @@ from apf.body.model import BodyModel
 from cl import InputError
 from psfs.common.cones import cone_distances
 
-#: Distance, m, over which one bone takes over from another; smaller shares than LEAST are none.
-BLEND, _LEAST = 0.02, 0.02
-#: Distance, m, over which the surface's errors are alike.
-ALIKE = 0.02
+#: Distance, m, over which the surface's errors are alike and one bone takes over from another;
+#: smaller shares than LEAST are none.
+ALIKE, _LEAST = 0.02, 0.02
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,9 +83,9 @@ class Surface:
 
 def blend_bones(points: np.ndarray, body: BodyModel, pose: np.ndarray) -> np.ndarray:
     """Return by how much each bone moves points (N, 3) near `body` in `pose` (D,): shares (N, B),
-    which pass from one cone's bone to the next within `BLEND`."""
+    which pass from one cone's bone to the next within `ALIKE`."""
     distances = cone_distances(points, posed_cones(body, pose[None])[0])
-    weights = np.exp(-(distances - distances.min(1, keepdims=True)) / BLEND)
+    weights = np.exp(-(distances - distances.min(1, keepdims=True)) / ALIKE)
     shares = weights @ np.eye(len(body.bones))[[cone.bone for cone in body.cones]]
     shares /= shares.sum(1, keepdims=True)
     shares[shares < _LEAST] = 0

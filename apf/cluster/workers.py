@@ -9,7 +9,7 @@ from functools import lru_cache
 from apf.cluster import CORES_BESIDE_GPU, PER_GPU
 from cl import Device, NumpyDevice, list_devices, select_device
 from psfs.common.ranges import check_number
-from psfs.common.system import keep_freed_memory, list_own_cores, pin_to_cores
+from psfs.common.system import KEPT_BYTES, keep_freed_memory, list_own_cores, pin_to_cores
 
 #: Most workers of one machine.
 MOST_WORKERS = 1000
@@ -19,8 +19,6 @@ DEVICE, CORES = "APF_DEVICE", "APF_CORES"
 #: core of the machine, costs 22 s of 32 cores where one thread costs 6 s and takes as long; views
 #: are decoded in parallel anyway.
 _OPENCV = ("OPENCV_FOR_THREADS_NUM", "OPENCV_FFMPEG_THREADS")
-#: A size above any single allocation of a take.
-_KEPT_BYTES = 2**28
 
 
 @dataclass(frozen=True)
@@ -81,7 +79,7 @@ def set_up_worker() -> None:
     # Dask's workers return freed memory at once (`MALLOC_TRIM_THRESHOLD_`), and the kernel then
     # clears the pages of every picture again. Diagnosing 120 frames of 8 cameras and tracking 10 of
     # them took 1.3 million page faults and 3.2 s of a core, with kept memory 0.06 million and 0.6.
-    keep_freed_memory(_KEPT_BYTES)
+    keep_freed_memory(KEPT_BYTES)
 
 
 def select_worker_device(asked: str) -> Device | NumpyDevice:

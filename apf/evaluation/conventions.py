@@ -13,9 +13,8 @@ from apf.formats.trc import CONVENTIONS, JointSeries
 from apf.tracking.track import Track
 from psfs.common.numbers import match_pairs
 
-#: Mean error, m, that no track of the same take has; greatest mean error, m, with the right axes,
-#: and its greatest share of the error with the stated ones.
-_ABSURD, _FITS, _SHARE = 0.4, 0.25, 0.4
+#: Mean error, m, that no track of the same take has; half of it, none with the right axes.
+_ABSURD = 0.4
 
 
 def choose_convention(track: Track, truth: JointSeries, stated: str) -> tuple[str, JointSeries]:
@@ -28,7 +27,7 @@ def choose_convention(track: Track, truth: JointSeries, stated: str) -> tuple[st
     read = truth.joints @ CONVENTIONS[stated]  # in the axes of the file
     for name, matrix in CONVENTIONS.items() if error >= _ABSURD else ():
         other = replace(truth, joints=read @ matrix.T)
-        if evaluate(track, other).mean_error < min(_FITS, _SHARE * error):
+        if evaluate(track, other).mean_error < _ABSURD / 2:
             return name, other
     return stated, truth
 
@@ -46,7 +45,7 @@ def axes_that_fit(
     if error < _ABSURD:
         return None
     best, words = min(_estimate_axes(*pair, convention) for pair in pairs)
-    if best > min(_FITS, _SHARE * error):
+    if best > _ABSURD / 2:
         return (
             f"the truth lies {error:.2f} m from the track, and no other axes or unit bring it "
             "near: is it of this take, and of the same calibration?"

@@ -22,8 +22,8 @@ from psfs.cameras.triangulation import (
 )
 from psfs.common.numbers import pick_evenly
 
-#: Examined keypoints, spread over frames and names, and frames in which sides are examined.
-_SAMPLED, _FRAMES = 100, 60
+#: Examined keypoints, spread over frames and names.
+_SAMPLED = 100
 #: Share of a camera's keypoints that the others must see somewhere, to be compared.
 _KNOWN = 0.2
 #: Fewest frames in which nose or toes are known, and share in which they must lie behind: of nine
@@ -179,7 +179,7 @@ def faces_backward(keypoints: Keypoints, rig: CameraRig) -> bool:
 
 def _triangulate_landmarks(keypoints: Keypoints, rig: CameraRig) -> dict[str, np.ndarray]:
     """Return the points (F, 3) m of some frames by their landmarks' names; NaN where unknown."""
-    rows = pick_evenly(keypoints.n_frames, _FRAMES)
+    rows = pick_evenly(keypoints.n_frames)
     seen = keypoints.undistort(rig).points[:, rows]
     limits = TriangulationConfig(max_error=AGREEING * rig.height)
     landmarks = find_landmarks(keypoints.names)

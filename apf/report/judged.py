@@ -24,7 +24,6 @@ from apf.report.quality import Quality
 from apf.report.summary import SUMMARY, body_facts, read_tracked_grid
 from apf.tracking.people import PeopleTracks
 from apf.tracking.track import Track
-from psfs.background.gaussian import SAMPLES
 from psfs.common.files import read_text, write_json
 from psfs.common.numbers import pick_evenly
 from psfs.session import Session
@@ -64,7 +63,7 @@ def paint_surface(quality: Quality) -> Track:
         return track
     pairs = zip(agreement.rows, agreement.clouds, strict=True)
     seen = [(row, cloud) for row, cloud in pairs if not track.lost[row] and len(cloud)]
-    seen = [seen[k] for k in pick_evenly(len(seen), SAMPLES)]
+    seen = [seen[k] for k in pick_evenly(len(seen))]
     clouds = [(of.centres, of.colour) for _, of in seen if of.colour is not None]
     if not clouds or len(clouds) < len(seen):
         return track

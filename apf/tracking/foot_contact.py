@@ -17,14 +17,12 @@ from apf.initialisation.personal import FLOOR
 from psfs.common.numbers import find_true_runs
 
 #: Speed along the floor, m/s, and height, m, above the usual level of the lower foot's ankle below
-#: which a foot may begin to stand, and above which it no longer does, because its heel is off the
-#: floor: true feet stand below 0.3 m/s and swing at up to 4.
-_BEGIN_SPEED, _END_SPEED, _BEGIN_HEIGHT, _END_HEIGHT = 0.45, 0.5, 0.04, 0.06
-#: A moment, s: time over which the speed is computed, least duration of a stance and of a swing
-#: between two, a sixth of usual ones.
+#: which a foot stands: true feet stand below 0.3 m/s and swing at up to 4, and a heel off the floor
+#: lifts the ankle.
+_SLOW, _LOW = 0.5, 0.05
+#: A moment, s: time over which the speed is computed and the correction of a held foot fades in and
+#: out, least duration of a stance and of a swing between two, a sixth of usual ones.
 _MOMENT = 0.1
-#: Time, s, over which the correction of a held foot fades in and out.
-_FADE = 0.12
 #: Distance, m, along the floor above which a foot slides and does not stand.
 _LONGEST_SLIDE = 0.12
 #: Height, m, above the lowest one of the stance below which the heel is on the floor, too.
@@ -56,18 +54,14 @@ def detect_standing(ankles: np.ndarray, times: np.ndarray) -> np.ndarray:
     for part in find_true_runs(known):
         speed[part] = _measure_speed(ankles[part, :, :2], times[part], _MOMENT)
     height = ankles[..., 2] - np.percentile(ankles[known, :, 2].min(axis=1), 10)
-    start = (speed < _BEGIN_SPEED) & (height < _BEGIN_HEIGHT)
-    go_on = (speed < _END_SPEED) & (height < _END_HEIGHT)
+    steady = (speed < _SLOW) & (height < _LOW)
     for foot in range(n_feet):
-        for gap in find_true_runs(~go_on[:, foot] & known):
+        for gap in find_true_runs(~steady[:, foot] & known):
             inside = gap.start > 0 and gap.stop < len(times) and known[gap.start - 1 : gap.stop + 1]
             if np.all(inside) and times[gap.stop] - times[gap.start] < _MOMENT:
-                go_on[gap, foot] = True
-        for run in find_true_runs(go_on[:, foot]):
-            begins = np.flatnonzero(start[run, foot])
-            lasts = times[run.stop - 1] - times[run.start]
-            if len(begins) and lasts >= _MOMENT:
-                stance = slice(run.start + begins[0], run.stop)
+                steady[gap, foot] = True
+        for stance in find_true_runs(steady[:, foot]):
+            if times[stance.stop - 1] - times[stance.start] >= _MOMENT:
                 corners = np.ptp(ankles[stance, foot, :2], axis=0)
                 stands[stance, foot] = np.linalg.norm(corners) < _LONGEST_SLIDE
     return stands
@@ -135,7 +129,7 @@ def _find_corrections(ankles: np.ndarray, times: np.ndarray, stands: np.ndarray)
                 (stance.stop - 1, range(stance.stop, len(times))),
             ):
                 for frame in frames:
-                    share = 1 - abs(times[frame] - times[edge]) / _FADE
+                    share = 1 - abs(times[frame] - times[edge]) / _MOMENT
                     if share <= 0 or stands[frame, foot]:
                         break
                     smooth = share * share * (3 - 2 * share)

@@ -15,12 +15,11 @@ import numpy as np
 
 from apf.body.stature import ANKLES, HIPS
 from apf.tracking.track import Track
-from psfs.common.numbers import find_true_runs
+from psfs.common.numbers import STEP_SECONDS, find_true_runs
 
 #: Least speed, m/s, of the pelvis that counts as walking: old people's slow walk is about 0.6.
-#: Least range, m, of a foot's motion relative to the pelvis in every stride. Time, s, over which
-#: direction and speed of the pelvis are computed: about a step.
-_LEAST_SPEED, _LEAST_SWING, _STEP_SECONDS = 0.3, 0.15, 0.5
+#: Least range, m, of a foot's motion relative to the pelvis in every stride.
+_LEAST_SPEED, _LEAST_SWING = 0.3, 0.15
 #: The joints whose middle is the pelvis if the body has no pelvis joint.
 _HIP_JOINTS = ("l_hip", "r_hip")
 
@@ -175,10 +174,10 @@ def _measure_steps(
 
 
 def _measure_velocity(points: np.ndarray, times: np.ndarray) -> np.ndarray:
-    """Return (F, 2) m/s, the mean velocity of points (F, 2) over `_STEP_SECONDS` around each
+    """Return (F, 2) m/s, the mean velocity of points (F, 2) over `STEP_SECONDS` around each
     frame."""
-    before = np.clip(times - 0.5 * _STEP_SECONDS, times[0], None)
-    after = np.clip(times + 0.5 * _STEP_SECONDS, None, times[-1])
+    before = np.clip(times - 0.5 * STEP_SECONDS, times[0], None)
+    after = np.clip(times + 0.5 * STEP_SECONDS, None, times[-1])
     moved = [
         np.interp(after, times, points[:, axis]) - np.interp(before, times, points[:, axis])
         for axis in range(2)

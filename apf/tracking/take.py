@@ -44,8 +44,8 @@ from psfs.voxels.grid import VoxelGrid
 #: None.
 Keep: TypeAlias = Callable[[BodyModel, np.ndarray, Items[Track]], "Items[Path] | None"]
 
-#: Frames in which a person is looked for before the start, and the starts that are tried.
-_LOOKS, _TRIES = 24, 3
+#: Starts that are tried.
+_TRIES = 3
 #: Share by which the qualities of frames differ that are alike: one person's voxels differ so.
 _ALIKE = 0.1
 #: Largest distance, m, of a given first pose from the volume.
@@ -352,7 +352,7 @@ def rank_starts(session: Session, progress: Callable[[], object] | None = None) 
     are spread over the take, the earliest first. Raises StartError if none of them shows anybody.
     """
     config, frames = StartConfig(), session.frames
-    picked = np.array([frames[int(k)] for k in pick_evenly(len(frames), _LOOKS)])
+    picked = np.array([frames[int(k)] for k in pick_evenly(len(frames))])
     reconstruct = session.reconstructor(automatic_grid(session))
     views = np.zeros((len(picked), 3))  # voxels, height, cameras that see them
     with suppress(InputError), session.sequence.reader(learning=False) as read:

@@ -27,9 +27,6 @@ STD_FLOOR = 2.0
 #: Prior standard deviation of a pixel, grey levels, and its weight in frames: a background of a
 #: single picture thus has a standard deviation of 4.9 grey levels.
 PRIOR_STD, PRIOR_FRAMES = 6.0, 2.0
-#: Number of frames from which the background is estimated without a film of the empty scene: enough
-#: for a median.
-SAMPLES = 25
 #: Least number of frames in which a background pixel is visible: the fewest with a median that one
 #: wrong frame does not move.
 _LEAST_FREE = 3

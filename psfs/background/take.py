@@ -25,7 +25,6 @@ import numpy as np
 from psfs.background.config import BackgroundConfig
 from psfs.background.coverage import Coverage, Rays
 from psfs.background.gaussian import (
-    SAMPLES,
     Background,
     Moments,
     masked_moments,
@@ -99,7 +98,7 @@ def estimate_background_from_take(
     is unknown; it is extrapolated from around, or its density is lower than the foreground's.
     """
     factor = rig.factor_within(_LONGEST_SIDE)
-    numbers = pick_evenly(min(item.count for item in media), SAMPLES).tolist()
+    numbers = pick_evenly(min(item.count for item in media)).tolist()
     n_bytes = 3 * (len(numbers) + _OF_MOMENTS) * rig.width * rig.height
     at_once = max(1, min(_READ_BYTES // n_bytes, os.cpu_count() or 1))
     with ThreadPoolExecutor(at_once) as readers, ThreadPoolExecutor() as pool:

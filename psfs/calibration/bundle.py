@@ -16,7 +16,7 @@ from psfs.common.progress import one_blas_thread
 
 #: Parameters of a pose (Rodrigues vector, translation) and of a lens (log fx, log fy, cx, cy, k1,
 #: k2, p1, p2), the columns of cv2.projectPoints's Jacobian.
-_POSE, _LENS = 6, 8
+_POSE, LENS_PARAMETERS = 6, 8
 #: Standard deviations of a lens's parameters, the principal point's in widths of the picture, and
 #: of the ratio of fx and fy around 1: lenses are well within them.
 _LENSES, _ASPECT = (np.inf, np.inf, 0.05, 0.05, 0.3, 0.3, 0.01, 0.01), 0.01
@@ -67,7 +67,7 @@ def compare_lenses(
     for view in views:
         change = solution.parameters["lenses"][view] - problem.start["lenses"][view]
         inverse = np.linalg.pinv(solution.covariance("lenses", [view]), hermitian=True)
-        tests[view] = float(change @ inverse @ change) / _LENS, cameras[view]
+        tests[view] = float(change @ inverse @ change) / LENS_PARAMETERS, cameras[view]
     return tests
 
 
@@ -93,7 +93,7 @@ class _Problem:
         self.views = [self._view(group, rows) for group in group_by_view(sightings, len(cameras))]
         self.free = {
             "cameras": np.zeros((len(cameras), _POSE), bool),
-            "lenses": np.zeros((len(cameras), _LENS), bool),
+            "lenses": np.zeros((len(cameras), LENS_PARAMETERS), bool),
             "poses": np.full((len(self.frames), _POSE), freedom.poses),
         }
         self.free["cameras"][[v for v in range(len(cameras)) if v not in freedom.held]] = True
@@ -167,7 +167,7 @@ class _Problem:
             camera = _unpack_lens(parameters["lenses"][view], camera)
         world = np.einsum("nij,nj->ni", R[rows], points) + t[rows]
         seen, slope = cv2.projectPoints(world, vector[:3], vector[3:], camera.K, camera.distortion)
-        slope = slope.reshape(len(points), 2, -1)[..., : _POSE + _LENS]
+        slope = slope.reshape(len(points), 2, -1)[..., : _POSE + LENS_PARAMETERS]
         by_lens = slope[..., _POSE:]
         by_lens[..., :2] *= camera.K[0, 0], camera.K[1, 1]  # by the logarithms
         # x_cam = R x + t: the derivative with respect to t is that with respect to x_cam.
@@ -188,12 +188,12 @@ class _Problem:
         """Return the priors of lenses: aspect, principal point, distortion."""
         free = list(self.freedom.lenses)
         sizes = np.array([self.first.cameras[view].size for view in free], float).reshape(-1, 2)
-        sigmas = np.full((len(lenses), _LENS), np.inf)
+        sigmas = np.full((len(lenses), LENS_PARAMETERS), np.inf)
         sigmas[free] = _LENSES
         sigmas[free, 2:4] *= sizes[:, :1]
         means = np.zeros(sigmas.shape)
         means[free, 2:4] = (sizes - 1) / 2
-        aspect = np.zeros((len(free), 1, _LENS))
+        aspect = np.zeros((len(free), 1, LENS_PARAMETERS))
         aspect[..., :2] = 1, -1
         off = lenses[free, 0] - lenses[free, 1]
         slope = Slope("lenses", np.array(free, int), aspect)

@@ -13,14 +13,14 @@ import cv2
 import numpy as np
 import scipy
 
-from psfs.calibration.bundle import FreeParameters, adjust_bundle, compare_lenses
+from psfs.calibration.bundle import LENS_PARAMETERS, FreeParameters, adjust_bundle, compare_lenses
 from psfs.calibration.scene import GOOD, CalibrationScene, reprojection_errors, rms
 from psfs.calibration.targets.target import Sighting, Target, group_by_view
 from psfs.cameras.camera import Camera
 from psfs.common.numbers import FALSE_ALARMS, pick_evenly
 
-#: Fewest cameras among which an outlier can be found; number of intrinsics of a camera.
-_FEWEST, _PARAMETERS = 3, 8
+#: Fewest cameras among which an outlier can be found.
+_FEWEST = 3
 #: Most sightings of a camera that are compared, and greatest delay that is tried, frames.
 _SAMPLED, _MOST_LATE = 60, 5
 
@@ -162,7 +162,7 @@ def find_wrong_intrinsics(
     held = () if target.known is not None else (views[0],)
     tests = compare_lenses(scene, target, sightings, views, held)
     ratios = sorted(ratio for ratio, _ in tests.values())
-    limit = _limit_ratio(_PARAMETERS, len(sightings)) * max(
+    limit = _limit_ratio(LENS_PARAMETERS, len(sightings)) * max(
         1.0, float(np.median(ratios[:-1] or [1.0]))
     )
     return {view: camera for view, (ratio, camera) in tests.items() if ratio > limit}

@@ -13,6 +13,10 @@ INCH = 0.0254
 FROM_Y_UP = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
 #: Probability of each test that sound footage, or a sound camera, is accused.
 FALSE_ALARMS = 1e-3
+#: Number of frames that stand for a take: enough for a median.
+SAMPLES = 25
+#: Time of a step, s: after it silhouettes, and places of limbs, are no longer wrong alike.
+STEP_SECONDS = 0.5
 
 
 def drop_origin(points: np.ndarray) -> np.ndarray:
@@ -21,7 +25,7 @@ def drop_origin(points: np.ndarray) -> np.ndarray:
     return np.where((points == 0).all(-1, keepdims=True), np.nan, points)
 
 
-def pick_evenly(n: int, most: int) -> np.ndarray:
+def pick_evenly(n: int, most: int = SAMPLES) -> np.ndarray:
     """Return at most `most` of n indices, evenly spaced from the first to the last."""
     return np.unique(np.linspace(0, n - 1, min(n, most)).round().astype(int))
 

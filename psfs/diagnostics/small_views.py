@@ -27,9 +27,8 @@ from psfs.silhouettes.config import AppearanceConfig, FloorConfig, SilhouetteCon
 SILHOUETTES = SilhouetteConfig(
     appearance=AppearanceConfig(learn=False), floor=FloorConfig(height=-1000.0)
 )
-#: Least and most consecutive frames that are examined, most pixels of these, and most of the frames
-#: whose pictures are kept.
-_FRAMES, _PIXELS, _KEPT = (60, 200), 1.5e9, 24
+#: Least and most consecutive frames that are examined, and most pixels of these.
+_FRAMES, _PIXELS = (60, 200), 1.5e9
 #: Longest sides of the small pictures, and of the larger ones in which corrections and furniture
 #: are found, px.
 SMALL_SIDE, LARGE_SIDE = 320, 640
@@ -108,7 +107,7 @@ def small_views(
     background = shrink.background(sequence.background)
     begin = make_evidence_pipeline(device, shrink.small, background, SILHOUETTES)
     frames = frames or _select_frames(sequence)
-    kept_frames = pick_evenly(len(frames), _KEPT)
+    kept_frames = pick_evenly(len(frames))
     backgrounds = None if background is None else _grey(background.mean.astype(np.uint8))
     outlines, foreground, gains, changes, masks, pictures = [], [], [], [], [], []
     before: np.ndarray | None = None

@@ -12,7 +12,7 @@ from cl import InputError
 from psfs.cameras.camera import Camera
 from psfs.cameras.rig_geometry import intersect_axes_ahead
 from psfs.common.least_squares import estimate_noise, robust_weights
-from psfs.common.numbers import FALSE_ALARMS
+from psfs.common.numbers import FALSE_ALARMS, STEP_SECONDS
 from psfs.diagnostics.frontier import epipolar_residuals
 from psfs.diagnostics.refinement import N_PARAMETERS, NOISE, measure_scene_motion
 from psfs.self_calibration.adjustment import (
@@ -27,9 +27,6 @@ from psfs.self_calibration.adjustment import (
 )
 from psfs.self_calibration.take import FILM
 
-#: Time after which silhouettes are no longer wrong alike, s: about a step.
-_INDEPENDENT = 0.5
-
 
 def fits_as_well(rival: Adjusted, best: Adjusted, points: PersonPoints, rate: float) -> bool:
     """Return whether a rig fits no camera worse than the best: by the ratio of the variances (F
@@ -39,7 +36,7 @@ def fits_as_well(rival: Adjusted, best: Adjusted, points: PersonPoints, rate: fl
     """
     median = scipy.special.ndtri(0.75)  # of the size of normal noise
     misfits, others = (summarise_pairs(measure_pairs(a, points)) / median for a in (best, rival))
-    count = 2 * (len(best.rig) - 1) * points.shortest / (rate * _INDEPENDENT)
+    count = 2 * (len(best.rig) - 1) * points.shortest / (rate * STEP_SECONDS)
     limit = np.sqrt(scipy.special.fdtri(count, count, 1 - FALSE_ALARMS))
     return not (others > limit * np.maximum(misfits, NOISE)).any()
 
@@ -126,7 +123,7 @@ def measure_uncertainty(
     normal = (jacobian.T * weights) @ jacobian + np.diag(spread**-2.0) + held.T @ held
     inverse = np.linalg.inv(normal)
     pulls = (weights * residuals)[:, None] * jacobian
-    blocks = (touched.frames / (rate * _INDEPENDENT)).astype(int)
+    blocks = (touched.frames / (rate * STEP_SECONDS)).astype(int)
     pairs = touched.views[:, 0] * len(cameras) + touched.views[:, 1]
     spreads = np.zeros((size, size))
     for clusters in (pairs, blocks):

@@ -10,8 +10,9 @@ import numpy as np
 
 from cl import Device, NumpyDevice
 from psfs.backend import make_evidence_function
-from psfs.background.gaussian import SAMPLES, Background, estimate_background, median_moments
+from psfs.background.gaussian import Background, estimate_background, median_moments
 from psfs.cameras.camera import CameraRig
+from psfs.common.numbers import SAMPLES
 from psfs.common.pictures import scale_picture
 from psfs.diagnostics.small_views import (
     SILHOUETTES,

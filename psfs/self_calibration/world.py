@@ -24,9 +24,9 @@ from psfs.self_calibration.take import PersonTake
 _UP, _FEET = 0.026, 0.02
 #: Percentile of the heights of the topmost points that is the stature: knees bend.
 _STANDING = 90.0
-#: Frames that are used; greatest distance of the floor from the lowest points, step of the slices,
-#: half of a slice's side and its cell, m.
-_FRAMES, _AROUND, _STEP, _SIDE, _CELL = 25, 0.2, 0.01, 0.6, 0.03
+#: Greatest distance of the floor from the lowest points, step of the slices, half of a slice's side
+#: and its cell, m.
+_AROUND, _STEP, _SIDE, _CELL = 0.2, 0.01, 0.6, 0.03
 #: Width above which the largest slice is a shadow on the floor, m: feet are 0.10 to 0.15 m wide.
 _FOOT = 0.2
 #: Height above it at which a shadow is no longer seen, m, and its greatest area there, as a share.
@@ -175,7 +175,7 @@ def measure_floor(
     sides = np.arange(-_SIDE, _SIDE + _CELL, _CELL)
     grid = np.stack(np.meshgrid(steps, sides, sides, indexing="ij"), axis=-1)[..., [1, 2, 0]]
     areas, widths = [], []
-    for index in pick_evenly(len(frames), _FRAMES):
+    for index in pick_evenly(len(frames)):
         place = np.append(places[index], 0)
         slices = _carve(rig, contours, shifts + frames[index], grid + place)
         areas.append(slices.sum(axis=(1, 2)))

@@ -8,7 +8,6 @@ from dataclasses import replace
 import cv2
 import numpy as np
 
-from psfs.background.gaussian import SAMPLES
 from psfs.calibration.scene import (
     GOOD,
     CalibrationScene,
@@ -109,7 +108,7 @@ def _estimate_relative_pose(
     """
     a, b = pair
     frames = [frame for frame, view in seen if view == a and (frame, b) in seen]
-    picked = pick_evenly(len(frames), SAMPLES)
+    picked = pick_evenly(len(frames))
     proposals = []
     for frame in (frames[k] for k in picked):
         for order in target.orders:

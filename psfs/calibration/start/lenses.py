@@ -18,9 +18,8 @@ _DEFAULT_FOCAL = 1.1
 _FOCAL_RANGE = (0.3, 10.0)
 #: Focal lengths that are tried for an unknown lens, in longer sides.
 FOCALS = np.geomspace(0.5, 3.0, 25)
-#: Most pictures of the board that are used; with fewer than the second number, a simple lens is
-#: assumed.
-_MOST, _FEW = 40, 4
+#: Pictures of the board below which a simple lens is assumed.
+_FEW = 4
 #: A picture is left out if its error exceeds this times the median.
 _MAX_RELATIVE_ERROR = 3.0
 
@@ -45,7 +44,7 @@ def estimate_camera_from_boards(
     Returns the default camera if the pictures do not determine it.
     """
     usual = default_camera(name, size)
-    chosen = [sightings[k] for k in pick_evenly(len(sightings), _MOST)]
+    chosen = [sightings[k] for k in pick_evenly(len(sightings))]
     if len(chosen) < 3:
         return usual
     try:

@@ -11,7 +11,6 @@ from typing import Protocol
 import numpy as np
 
 from cl import InputError
-from psfs.background.gaussian import SAMPLES
 from psfs.calibration.targets.boards import Found, to_grey
 from psfs.calibration.targets.target import Sighting, Target
 from psfs.cameras.camera import CameraRig
@@ -79,7 +78,7 @@ def find_sightings(
 def median_pictures(views: Views, chosen: Sequence[int]) -> list[np.ndarray]:
     """Return the median over time of every view's grey pictures (h, w) uint8, without what
     moves."""
-    picked = pick_evenly(len(chosen), SAMPLES)
+    picked = pick_evenly(len(chosen))
     stacks: list[list[np.ndarray]] = [[] for _ in views.rig]
     with views.reader() as read:
         for row in picked:
@@ -97,7 +96,7 @@ def find_hint(
 
     look: `describe_other_board` of a finder whose board is in none of the pictures.
     """
-    picked = pick_evenly(len(chosen), SAMPLES)
+    picked = pick_evenly(len(chosen))
     seen: dict[str, int] = {}
     with views.reader() as read:
         for row in picked:

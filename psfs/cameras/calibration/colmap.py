@@ -117,8 +117,6 @@ _BINARY_MODELS = {
     8: ("SIMPLE_RADIAL_FISHEYE", 4), 9: ("RADIAL_FISHEYE", 5), 10: ("THIN_PRISM_FISHEYE", 12),
 }  # fmt: skip
 _WHAT = "COLMAP's binary model"
-#: Longest name of an image, bytes; most points in one, of 24 bytes each.
-_LONGEST, _MOST_POINTS = 1024, 10_000_000
 
 
 def read_binary_cameras(path: Path) -> list[list[str]]:
@@ -142,10 +140,10 @@ def read_binary_images(path: Path) -> list[list[str]]:
         for _ in range(_read_count(file, path)):
             number, *pose, camera = _unpack(file, "<i7di", path)
             name = bytearray()
-            while (letter := file.read(1)) not in (b"\0", b"") and len(name) <= _LONGEST:
+            while (letter := file.read(1)) not in (b"\0", b""):
                 name += letter
             (points,) = _unpack(file, "<Q", path)
-            if points > _MOST_POINTS or len(name) > _LONGEST:
+            if file.tell() + 24 * points > path.stat().st_size:
                 raise InputError(f"{path}: image {number} is damaged; expected {_WHAT}")
             file.seek(24 * points, 1)
             images.append([str(number), *map(repr, pose), str(camera), name.decode("utf-8")])
