@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import scipy
+from numpy.typing import ArrayLike
 
 #: Metres per unit of length.
 METRES = {"mm": 1e-3, "cm": 1e-2, "m": 1.0}
@@ -57,9 +58,9 @@ def smooth_locally(values: np.ndarray, window: int, degree: int = 2) -> np.ndarr
     return np.concatenate([begin, windows @ weights[half], end])
 
 
-def mean_known(values: np.ndarray, nothing: float = np.nan) -> float:
+def mean_known(values: ArrayLike, nothing: float = np.nan) -> float:
     """Return the mean of the finite values; `nothing` without any."""
-    known = values[np.isfinite(values)]
+    known = np.asarray(values)[np.isfinite(values)]
     return float(known.mean()) if known.size else nothing
 
 

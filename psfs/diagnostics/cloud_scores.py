@@ -11,6 +11,7 @@ import numpy as np
 import scipy
 
 from psfs.cameras.camera import Camera, CameraRig
+from psfs.common.numbers import mean_known
 from psfs.common.regions import iou
 from psfs.voxels.grid import VoxelCloud, VoxelGrid
 
@@ -54,12 +55,12 @@ def score_cloud(rig: CameraRig, cloud: VoxelCloud, truth: Items[np.ndarray | Non
     in_hull.ravel()[hull] = True
     hull_and_rim = scipy.ndimage.binary_dilation(in_hull, np.ones((3, 3, 3)))
     ghosts = float(1 - hull_and_rim.ravel()[cloud.indices].mean()) if len(cloud) else float("nan")
-    return CloudScore(_mean(ours), _mean(best), ghosts, _volume_iou(seen, cloud, in_hull))
+    return CloudScore(mean_known(ours), mean_known(best), ghosts, _volume_iou(seen, cloud, in_hull))
 
 
 def mean_scores(scores: Items[CloudScore]) -> dict[str, float | None]:
     """Return the mean of each score over frames, None where it is unknown."""
-    means = {name: _mean([getattr(score, name) for score in scores]) for name in NAMES}
+    means = {name: mean_known([getattr(score, name) for score in scores]) for name in NAMES}
     return {name: None if np.isnan(mean) else mean for name, mean in means.items()}
 
 
@@ -119,8 +120,3 @@ def fill_surface(cloud: VoxelCloud) -> np.ndarray:
     filled.ravel()[cloud.indices] = True
     filled[box] = scipy.ndimage.binary_fill_holes(filled[box])
     return filled
-
-
-def _mean(scores: Items[float]) -> float:
-    known = [score for score in scores if not np.isnan(score)]
-    return float(np.mean(known)) if known else float("nan")

@@ -46,7 +46,7 @@ def align_to_person(
     """Return the rig in metres with Z up and Z = 0 on the floor, below the person's middle, and
     whether up is the room's.
 
-    Up is that of the room's vertical edges , if these are clear, else of the
+    Up is that of the room's vertical edges, if these are clear, else of the
     floor below the lowest points. points: where silhouettes touch common planes. X is the first
     camera's right.
     """
