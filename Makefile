@@ -7,16 +7,22 @@ EXTRAS ?=
 comma  := ,
 DONE   := $(VENV)/.installed$(subst $(comma),-,$(EXTRAS:%=-%))
 
-.PHONY: demo test docs install clean
+.PHONY: demo test types pytest docs install clean
 
 demo: install
 	$(BIN)/apf demo -o demo
 
+# mypy takes one core for a minute: the tests run beside it.
 test: install
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+	$(MAKE) --jobs 2 types pytest
+
+types:
 	$(BIN)/lint-imports
 	$(BIN)/mypy
+
+pytest:
 	$(BIN)/python -m pytest -n auto --dist worksteal
 
 docs: install
@@ -28,7 +34,9 @@ install: $(DONE)
 $(DONE): pyproject.toml
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --upgrade pip
-	$(BIN)/python -m pip install --quiet --editable ".[dev$(EXTRAS:%=,%)]"
+	$(BIN)/python -m pip install --quiet --no-compile --editable ".[dev$(EXTRAS:%=,%)]"
+	# On all cores; pip compiles on one. Some packages carry templates that are no Python.
+	$(BIN)/python -m compileall -qq -j 0 $(VENV)/lib cl psfs apf || true
 	touch $@
 
 clean:

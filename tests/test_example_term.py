@@ -40,13 +40,21 @@ def test_a_term_takes_four_files_at_most() -> None:
 
 @pytest.fixture(scope="module")
 def tested(
-    walk: Path, tmp_path_factory: pytest.TempPathFactory, installed: dict[str, str]
+    small_walk: Path, tmp_path_factory: pytest.TempPathFactory, installed: dict[str, str]
 ) -> tuple[str, Path]:
     """What a process with the package prints in the parity test of the term, and the folder of the
     track that it then makes with it."""
     out = tmp_path_factory.mktemp("track") / "out"
     tests = ["tests/apf/likelihood/test_terms.py", "-k", "near_limits and stick", "-n", "0"]
-    words = ["track", str(walk), "-o", str(out), "--init", str(walk / "truth.npz"), *TRACK]
+    words = [
+        "track",
+        str(small_walk),
+        "-o",
+        str(out),
+        "--init",
+        str(small_walk / "truth.npz"),
+        *TRACK,
+    ]
     code = (
         "import sys, pytest; from apf.cli import main;"
         f"sys.exit(pytest.main({['-p', 'no:cacheprovider', *tests]!r}) or main({words!r}))"
@@ -69,7 +77,7 @@ def test_a_tracker_uses_the_term(tested: tuple[str, Path]) -> None:
 
 
 def test_without_the_package_there_is_no_such_term(
-    walk: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    small_walk: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["track", str(walk), "-o", str(tmp_path / "out"), *TRACK]) == 2
+    assert main(["track", str(small_walk), "-o", str(tmp_path / "out"), *TRACK]) == 2
     assert "no term 'near_limits'" in capsys.readouterr().err

@@ -40,7 +40,7 @@ def client() -> Iterator[Any]:
         yield client
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def processes() -> Iterator[Processes]:
     """Yield two workers of this machine, both pinned to the first core."""
     with Processes([Share("cpu", tuple(list_own_cores()[:1]))] * 2) as pool:
@@ -88,21 +88,6 @@ def test_every_task_has_its_outcome(
     assert {p.stage for p in said} == {"doubling"} and said[0].total == 1
 
 
-def test_stopped_takes_write_what_they_have(processes: Processes, tmp_path: Path) -> None:
-    """Then their workers end by themselves."""
-    begun = threading.Event()
-    processes._on_progress = lambda _: begun.set()
-    task = Task("waits", wait_for_stop, (str(tmp_path / "file"),))
-    with ThreadPoolExecutor() as threads:
-        waiting = threads.submit(processes.run, task)
-        assert begun.wait(120)
-        processes.stop()
-        with pytest.raises(TaskStopped):
-            waiting.result()
-    assert all(worker.process.exitcode != -signal.SIGKILL for worker in processes._workers)
-    assert (tmp_path / "file").read_text() == "frames so far"
-
-
 def test_a_task_that_hangs_is_ended(processes: Processes, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("apf.cluster.processes._SILENCE", 0.1)
     monkeypatch.setattr("apf.cluster.processes.ATTEMPTS", 1)
@@ -126,9 +111,24 @@ def test_a_job_goes_on_with_what_came_before(processes: Processes, tmp_path: Pat
     assert found["a"] == 24 and found["c"] == 16 and isinstance(found["b"], InputError)
 
 
+def test_stopped_takes_write_what_they_have(processes: Processes, tmp_path: Path) -> None:
+    """Then their workers end by themselves; the last of these tests, as nothing runs after it."""
+    begun = threading.Event()
+    processes._on_progress = lambda _: begun.set()
+    task = Task("waits", wait_for_stop, (str(tmp_path / "file"),))
+    with ThreadPoolExecutor() as threads:
+        waiting = threads.submit(processes.run, task)
+        assert begun.wait(120)
+        processes.stop()
+        with pytest.raises(TaskStopped):
+            waiting.result()
+    assert all(worker.process.exitcode != -signal.SIGKILL for worker in processes._workers)
+    assert (tmp_path / "file").read_text() == "frames so far"
+
+
 @pytest.mark.parametrize("where", ["processes", "client"])
 def test_the_command(
-    where: str, walk: Path, tmp_path: Path, request: pytest.FixtureRequest, capfd: Any
+    where: str, small_walk: Path, tmp_path: Path, request: pytest.FixtureRequest, capfd: Any
 ) -> None:
     """Takes of a list on workers, here or of a cluster: as `apf track` has them; a bad one stops
     none; a second call does what is left."""
@@ -144,17 +144,17 @@ def test_the_command(
         all-cameras = true
         no_overlay = true
         no_report = true
-        init = "{walk / "truth.npz"}"
+        init = "{small_walk / "truth.npz"}"
         [[take]]
         folder = "bad"
         [[take]]
-        folder = "{walk}"
+        folder = "{small_walk}"
         name = "second"
         frames = "0:1"
         seed = 4
         """
     if client is None:
-        takes += f'[[take]]\nfolder = "{walk}"\n'
+        takes += f'[[take]]\nfolder = "{small_walk}"\n'
     (tmp_path / "takes.toml").write_text(takes)
     out = tmp_path / "out"
     batch = ["batch", str(tmp_path / "takes.toml"), "-o", str(out)]
@@ -167,23 +167,23 @@ def test_the_command(
         return
 
     flags = ["--particles", "40", "--layers", "3", "--voxel-size", "0.06", "--all-cameras"]
-    flags += ["--one-way", "--frames", "0:2", "--init", str(walk / "truth.npz")]
+    flags += ["--one-way", "--frames", "0:2", "--init", str(small_walk / "truth.npz")]
     flags += ["--no-overlay", "--no-report"]
-    assert main(["track", str(walk), "-o", str(tmp_path / "alone"), *flags]) == 0
-    alone, mine = Track.open(tmp_path / "alone"), Track.open(out / walk.name)
+    assert main(["track", str(small_walk), "-o", str(tmp_path / "alone"), *flags]) == 0
+    alone, mine = Track.open(tmp_path / "alone"), Track.open(out / small_walk.name)
     assert mine.poses.tobytes() == alone.poses.tobytes()
     assert Track.open(out / "second").frames.tolist() == [0]
 
-    stamp = (out / walk.name / "track.npz").stat().st_mtime_ns
+    stamp = (out / small_walk.name / "track.npz").stat().st_mtime_ns
     (out / "second" / "joints.trc").unlink()
     batch[batch.index("--workers") + 1] = "1"
     assert main(batch) == 2
     said = capfd.readouterr().out
     assert "2 of 3 takes done, 1 of them before" in said
     assert (out / "second" / "joints.trc").is_file()
-    assert (out / walk.name / "track.npz").stat().st_mtime_ns == stamp
+    assert (out / small_walk.name / "track.npz").stat().st_mtime_ns == stamp
     assert {p.name for p in out.iterdir()} == {
-        "manifest.txt", "index.html", "logs", "second", "takes.csv", walk.name,
+        "manifest.txt", "index.html", "logs", "second", "takes.csv", small_walk.name,
     }  # fmt: skip
 
 

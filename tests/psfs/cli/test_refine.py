@@ -38,7 +38,7 @@ def take(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("refine") / "take"
     for camera in EXACT:
         (folder / "masks" / camera.name).mkdir(parents=True)
-        for frame in range(30):
+        for frame in range(20):
             mask = np.zeros(camera.size[::-1], np.uint8)
             _, y, x, _ = camera.look_up(person(frame))
             mask[y, x] = 255

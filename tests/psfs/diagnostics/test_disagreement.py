@@ -29,7 +29,7 @@ from psfs.session import Session
 
 
 class Spoilt:
-    """The first 40 frames of a sequence, one of whose cameras may show something else."""
+    """The first 24 frames of a sequence, one of whose cameras may show something else."""
 
     def __init__(self, sequence: Sequence, kind: str = "sound", view: int = 2) -> None:
         self._sequence, self._kind, self._view = sequence, kind, view
@@ -38,7 +38,7 @@ class Spoilt:
         return getattr(self._sequence, name)
 
     def __len__(self) -> int:
-        return min(len(self._sequence), 40)
+        return min(len(self._sequence), 24)
 
     def recall(self, key: object, compute: Callable[[], object], *_: object) -> object:
         return compute()

@@ -98,7 +98,7 @@ def test_one_picture_has_no_silhouette(tmp_path: Path, masks: np.ndarray) -> Non
     session = Session(Sequence.open(folder), NumpyDevice())
     with pytest.raises(InputError, match=r"5 of 5 cameras.*film the empty room"):
         examine(session).check_sight()
-    many = faults(write_pictures(tmp_path / "many", masks))
+    many = faults(write_pictures(tmp_path / "many", masks[::3]))
     assert all(fault.kind != "empty" for fault in many), many
 
 
