@@ -92,5 +92,6 @@ def _draw(rows: list[dict[str, Any]], path: Path) -> None:
     axes.set_xlim(min(ms) / 3, max(ms) * 8)
     axes.set_xlabel("ms per frame: reconstruction, colour and tracking")
     axes.invert_yaxis()
+    axes.spines[["top", "right"]].set_visible(False)
     with write_atomically(path) as temporary:
         figure.savefig(temporary, format="png", dpi=120)

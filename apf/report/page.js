@@ -166,6 +166,9 @@ document.addEventListener("keydown", (event) => {
 });
 
 const COLOURS = ["#2f6fb5", "#d9661f", "#3d9b52", "#9355b0", "#c0392b", "#7a5c3e", "#d36ba6", "#5d6d7e"];
+/** Of the body's sides. */
+const SIDES = { left: COLOURS[0], right: COLOURS[1], middle: COLOURS[2] };
+const DASHES = ["solid", "dash", "dot", "dashdot"];
 function table(id, rows) {
   for (const [name, value] of rows) {
     if (value === null || value === undefined || value === "") continue;
@@ -327,14 +330,13 @@ function area(one, color) {
   return { x, y, fill: "toself", fillcolor: `${color}22`, mode: "none", hoverinfo: "skip", showlegend: false };
 }
 
-/** Left and right of an angle share a colour; left is dashed. */
+/** Left and right have the body's colours; each angle has its dash. */
 function angles(number, curves) {
   const names = [...new Set(curves.map((one) => one.name))];
-  const areas = curves.map((one) => area(one, COLOURS[names.indexOf(one.name) % COLOURS.length]));
-  chart(`angles${number}`, areas.concat(curves.map((one) => curve(page.frames, one.values,
-    one.side === "middle" ? one.name : `${one.side} ${one.name}`, names.indexOf(one.name),
-    one.side === "left" ? { line: { color: COLOURS[names.indexOf(one.name) % COLOURS.length],
-      width: 1.6, dash: "dash" } } : {}))), layout("degrees", { showlegend: true }));
+  chart(`angles${number}`, curves.map((one) => area(one, SIDES[one.side])).concat(curves.map((one) =>
+    curve(page.frames, one.values, one.side === "middle" ? one.name : `${one.side} ${one.name}`, 0,
+      { line: { color: SIDES[one.side], width: 1.6, dash: DASHES[names.indexOf(one.name)] } }))),
+    layout("degrees", { showlegend: true }));
 }
 section(Object.keys(page.angles ?? {}).length && page.angles, ["angles-section"], (groups) => {
   const names = Object.keys(groups);

@@ -17,12 +17,8 @@ from psfs.page.colours import CONFIDENCE
 if TYPE_CHECKING:
     import plotly.graph_objects as go
 
-#: Colours of left, right and middle, dash by side, so that colour alone does not matter.
-_LINES = {
-    "left": {"color": "#0072b2"},
-    "right": {"color": "#d55e00", "dash": "dash"},
-    "middle": {"color": "#009e73"},
-}
+#: Colours of left, right and middle, as of the body.
+_SIDES = {"left": "#0072b2", "right": "#d55e00", "middle": "#009e73"}
 #: Text and grid that are read on a light page and on a dark one.
 _INK, _GRID = "#7d7d7d", "rgba(128,128,128,0.25)"
 #: Colours that colour-blind people distinguish, and dashes.
@@ -38,9 +34,12 @@ def draw_angles(track: Track, name: str) -> go.Figure:
     import plotly.graph_objects as go  # slow to import
 
     figure = go.Figure()
-    for curve in angle_curves(track)[name]:
+    curves = angle_curves(track)[name]
+    angles = list(dict.fromkeys(curve["name"] for curve in curves))
+    for curve in curves:
         label = f"{curve['side']} {curve['name']}".removeprefix("middle ")
-        line, values = _LINES[curve["side"]], np.array(curve["values"], float)
+        line = {"color": _SIDES[curve["side"]], "dash": _DASHES[angles.index(curve["name"])]}
+        values = np.array(curve["values"], float)
         half = np.array(curve["band"], float)
         for rows in find_true_runs(np.isfinite(half)):
             x = np.concatenate([track.frames[rows], track.frames[rows][::-1]])

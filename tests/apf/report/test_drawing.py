@@ -129,7 +129,7 @@ def test_a_window_shows_everybody_and_little_else() -> None:
     part = draw_mosaic(frame, sequence.rig, [figure], [1], (corners, size))
     whole = draw_mosaic(frame, sequence.rig, [figure], [1])
     here = whole[top : top + size[1], left : left + size[0]]
-    np.testing.assert_array_equal(part[60:], here[60:])  # below the label
+    np.testing.assert_array_equal(part[80:], here[80:])  # below the label
 
 
 def test_masks_are_drawn_on_where_there_are_no_images() -> None:
