@@ -1,8 +1,6 @@
 """Fixtures that many tests share: every OpenCL device, a small walk, a stored run; and that tests
 launch the kernels that they are marked for."""
 
-from __future__ import annotations
-
 import gc
 import os
 import shutil

@@ -1,7 +1,5 @@
 """The pages' paths exist, and scripts find their marks."""
 
-from __future__ import annotations
-
 import ast
 import importlib
 import inspect

@@ -1,7 +1,5 @@
 """A term of the likelihood in a package of its own, docs/add_a_stage.md, is installed and used."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil

@@ -1,7 +1,5 @@
 """The examples of docs/python.md run, one after the other, on small walks."""
 
-from __future__ import annotations
-
 import os
 import re
 import runpy

@@ -1,7 +1,5 @@
 """Commands answer without what only their work needs, in modules rather than in seconds."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The notebooks run from top to bottom, and what is kept of their last run is fit to be read."""
 
-from __future__ import annotations
-
 import json
 import sys
 from collections.abc import Iterator

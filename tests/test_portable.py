@@ -1,7 +1,5 @@
 """What only POSIX has is behind `psfs.common.system`: everything else imports without it."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 import types

@@ -1,7 +1,5 @@
 """What `import psfs` and `import apf` give, and that the README's example runs."""
 
-from __future__ import annotations
-
 import inspect
 import re
 import subprocess

@@ -1,7 +1,5 @@
 """The tree of settings: whole, documented, and as docs/settings.md says."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A stage is a kernel file, a launcher, a NumPy twin, and tests that compare the two."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """What each device gets: kernels on OpenCL, twins on NumPy, of one kind and one result."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from helpers import bodies, scenes

@@ -1,7 +1,5 @@
 """Presets: every file is one of settings that there are, and what a paper does not have is off."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """OpenCL devices: choice, memory, programs, transfers and timings."""
 
-from __future__ import annotations
-
 import gc
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """Arguments of kernels, bound by their names in the kernel's prototype."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """PoCL's wheel on processors that its compiler does not know."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

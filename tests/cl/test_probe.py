@@ -1,7 +1,5 @@
 """Devices are tried before they are used; those that do not work are passed over and named."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil

@@ -1,7 +1,5 @@
 """Uploads ahead of their use, and work-group shapes."""
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Intel's CPU runtime is found where pip installed it."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """A stock of small inputs, made once, and a copy of it for each fault."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Iterator
 from pathlib import Path

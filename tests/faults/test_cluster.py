@@ -1,7 +1,5 @@
 """Batches and clusters: servers of another kind, lists of takes, errors of workers, interrupts."""
 
-from __future__ import annotations
-
 import os
 import pickle
 import signal

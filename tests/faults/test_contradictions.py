@@ -1,7 +1,5 @@
 """Tracks, people, corrections and models that contradict themselves."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Arrays, joints, poses, meshes, pictures and videos that are damaged, lie or belong elsewhere."""
 
-from __future__ import annotations
-
 import json
 import os
 import struct

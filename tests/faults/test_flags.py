@@ -1,7 +1,5 @@
 """Flags with values that nobody can mean, and paths that no file has."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Calibrations of other programs, damaged: one line that names the file, or the same cameras."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path

@@ -4,8 +4,6 @@ A few examples of each in the test run; PSFS_APF_FUZZ=10000 tries so many, other
 the nightly workflow does.
 """
 
-from __future__ import annotations
-
 import contextlib
 import json
 import pickle

@@ -1,7 +1,5 @@
 """Keypoints of every format that are damaged, lie, or belong to something else: one line each."""
 
-from __future__ import annotations
-
 import csv
 import json
 import os

@@ -1,7 +1,5 @@
 """The library called with something else than it takes: what was found and what was expected."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any

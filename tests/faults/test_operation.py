@@ -1,7 +1,5 @@
 """Faults while a command works: full disks, lost devices, hanging decoders, signals."""
 
-from __future__ import annotations
-
 import errno
 import importlib
 import json

@@ -1,7 +1,5 @@
 """Output folders: the user's files stay, stale ones go, what is not whole says so."""
 
-from __future__ import annotations
-
 import multiprocessing
 import os
 import shutil

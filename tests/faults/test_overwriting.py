@@ -1,7 +1,5 @@
 """Files and folders of the user's in the place of an output: they stay as they are."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """Pipes and devices in the place of files: nobody waits for their other end."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,8 +1,6 @@
 """Files in the place of folders and the other way round, files of the user in the way, tracks and
 clouds that belong to something else, flags that go with nothing."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Sizes that files claim, and what parsers make of them: bounded before anything is made."""
 
-from __future__ import annotations
-
 import pickle
 import struct
 import zipfile

@@ -1,7 +1,5 @@
 """Calibrations, settings and bodies with every value replaced by every kind of wrong one."""
 
-from __future__ import annotations
-
 import json
 import sys
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Bodies for the tests of the tracker."""
 
-from __future__ import annotations
-
 import tempfile
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Render boards and wands into known cameras, as footage to calibrate from."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path

@@ -5,8 +5,6 @@ and people in them, and fit the body to the same joints. What a test of these st
 is not remembered, but for the volume's box.
 """
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping
 from contextlib import contextmanager

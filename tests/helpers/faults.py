@@ -1,7 +1,5 @@
 """Run commands with invalid input and check their errors; small data to corrupt."""
 
-from __future__ import annotations
-
 import contextlib
 import io
 import os

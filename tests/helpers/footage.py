@@ -1,7 +1,5 @@
 """Write tiny sequences for the tests: calibrations, videos and images."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import cv2

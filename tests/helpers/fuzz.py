@@ -3,8 +3,6 @@
 A few examples of each in the test run; PSFS_APF_FUZZ=10000 tries so many, other ones every time.
 """
 
-from __future__ import annotations
-
 import os
 import time
 from collections.abc import Callable, Iterator

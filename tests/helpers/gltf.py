@@ -1,7 +1,5 @@
 """What a GLB file holds."""
 
-from __future__ import annotations
-
 import numpy as np
 import pygltflib
 from scipy.spatial.transform import Rotation

@@ -1,7 +1,5 @@
 """Keypoints of a known body, as a network without errors would detect them."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from apf.body.kinematics import bone_matrices

@@ -1,7 +1,5 @@
 """Devices with the work-groups of the other kind: all can do both, as far as they have room."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace

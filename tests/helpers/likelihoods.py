@@ -1,7 +1,5 @@
 """A voxel likelihood on the device with poses and maps of the test's own choice."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 from typing import Any
 

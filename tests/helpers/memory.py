@@ -1,7 +1,5 @@
 """Tests with a limit of memory."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import contextmanager
 

@@ -1,7 +1,5 @@
 """A model of OpenSim with the joints that are read."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 #: Joints of a model with the proportions of Rajagopal et al. 2016: the bodies that they connect,

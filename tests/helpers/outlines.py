@@ -1,7 +1,5 @@
 """Outlines of bodies of cones, seen by four cameras."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from apf.initialisation.personal import Outlines, find_outline_pixels, find_outlines

@@ -5,8 +5,6 @@ and fails unless it launches them all (conftest.py). With `pytest --without-kern
 such test runs once more for each of its kernels, which is left out: it must fail then.
 """
 
-from __future__ import annotations
-
 import ast
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager

@@ -1,7 +1,5 @@
 """Small synthetic scenes for the tests of the reconstruction."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 

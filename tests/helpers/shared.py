@@ -1,7 +1,5 @@
 """Locations of the repository and of the shared data."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

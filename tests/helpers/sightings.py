@@ -1,7 +1,5 @@
 """Points of bodies as cameras see them."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from apf.body.kinematics import bone_matrices

@@ -1,7 +1,5 @@
 """A body that walks straight on, its feet planted while they stand: true steps for the tests."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

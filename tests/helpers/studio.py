@@ -1,7 +1,5 @@
 """Folders for the page: a track without footage, and voxels in the format of psfs reconstruct."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

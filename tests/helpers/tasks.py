@@ -1,7 +1,5 @@
 """What workers do in tests. It imports little, since every worker that is started imports it."""
 
-from __future__ import annotations
-
 import os
 import threading
 import time

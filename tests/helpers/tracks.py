@@ -1,7 +1,5 @@
 """Small tracks and truths for the tests of outputs."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Surface voxels of a person who walks along x, without cameras or pictures."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from apf.body.kinematics import posed_cones

@@ -1,7 +1,5 @@
 """A body that moves before cameras."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Offsets of cameras from signals and measurements."""
 
-from __future__ import annotations
-
 from itertools import combinations
 
 import numpy as np

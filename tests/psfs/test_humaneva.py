@@ -1,7 +1,5 @@
 """HumanEva's folders: takes, cameras, synchronisation, empty rooms."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Focal lengths from the metadata of pictures and videos."""
 
-from __future__ import annotations
-
 import struct
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Pairing of pictures by the numbers in their names, where one camera lacks some."""
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The reconstruction on every OpenCL device against its NumPy twin."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Sequences: folder layouts, settings, frames, background, decoding ahead."""
 
-from __future__ import annotations
-
 import threading
 import time
 from collections.abc import Iterator

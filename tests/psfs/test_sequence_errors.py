@@ -1,7 +1,5 @@
 """Bad input through the command line: exit code 2, one line, nothing written."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess

@@ -1,7 +1,5 @@
 """A session computes once what several stages need, and each stage gets what a new one would."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

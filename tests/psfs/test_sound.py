@@ -1,7 +1,5 @@
 """Cameras are shifted by the sound of their videos."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import av

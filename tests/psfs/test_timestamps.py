@@ -1,7 +1,5 @@
 """Frames are paired by the times in timestamps.csv."""
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Cameras of different frame rates are shifted by frames of their own."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Frames are read exactly, in order and by jumps, from what cameras and recorders write."""
 
-from __future__ import annotations
-
 from fractions import Fraction
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """scripts/accuracy.py: the methods of settings, and the file that stores runs."""
 
-from __future__ import annotations
-
 import sys
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Readers of BioCV, TotalCapture and Human3.6M, on small files made in their layouts."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable
 from pathlib import Path

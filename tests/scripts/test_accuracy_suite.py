@@ -1,7 +1,5 @@
 """scripts/accuracy.py --suite: a folder of sequences, tracked from both starts."""
 
-from __future__ import annotations
-
 import csv
 import json
 import runpy

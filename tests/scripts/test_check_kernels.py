@@ -1,7 +1,5 @@
 """scripts/check_kernels.py: which tests it chooses, and what it reads in messages."""
 
-from __future__ import annotations
-
 import shutil
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """compare_peers.py: figures, files, tables; the peers themselves are not installed."""
 
-from __future__ import annotations
-
 import json
 import sys
 from dataclasses import replace

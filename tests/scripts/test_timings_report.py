@@ -1,7 +1,5 @@
 """What is reported of timings: the results' files, the papers' figures, the page made of them."""
 
-from __future__ import annotations
-
 import argparse
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Clinical angles: signs, conventions, and joints that a body lacks."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from helpers import bodies

@@ -1,7 +1,5 @@
 """bodytrack's own files: joints compared with the formulas of the shared sequence's README."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

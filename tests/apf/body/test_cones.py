@@ -1,7 +1,5 @@
 """Tapered cones: outlines and distances compared with independent geometry."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from helpers import scenes

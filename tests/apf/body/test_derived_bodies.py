@@ -1,7 +1,5 @@
 """Bodies that begin from another one, and the command that checks them."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Derivatives of points on the body compared with finite differences."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from helpers import bodies

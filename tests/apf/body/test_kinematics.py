@@ -1,7 +1,5 @@
 """Forward kinematics: the twin compared with matrix products, the kernel with the twin."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from helpers import bodies

@@ -1,7 +1,5 @@
 """The trunk and the limbs of a body."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from helpers import bodies

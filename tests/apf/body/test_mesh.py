@@ -1,7 +1,5 @@
 """Body meshes: frusta, users' meshes, and their rendering compared with the twin."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

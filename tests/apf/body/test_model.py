@@ -1,7 +1,5 @@
 """Body models: shipped ones, the TOML reader and writer, scaling."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The thesis's body and its halves: their structure, and tracking each of them."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cache
 from types import SimpleNamespace

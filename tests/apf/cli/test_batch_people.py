@@ -1,7 +1,5 @@
 """`apf batch`: how many people of a take, and how far each track is from the truth."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace

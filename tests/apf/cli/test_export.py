@@ -1,7 +1,5 @@
 """`apf export` and `apf.export`."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

@@ -1,8 +1,6 @@
 """`apf keypoints`, with MediaPipe itself where it is installed, else with a package that stands for
 it: it finds the person where the picture is brightest."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from importlib.util import find_spec

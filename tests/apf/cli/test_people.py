@@ -1,7 +1,5 @@
 """--people: what is refused before anything is opened, and what is said of another number."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """`apf render` from the command line."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import cv2

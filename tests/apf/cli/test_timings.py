@@ -1,7 +1,5 @@
 """`apf timings`: a table and a picture of what each device takes for a frame."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from types import SimpleNamespace

@@ -1,7 +1,5 @@
 """`apf track` from the command line: what it writes, and what it says of bad input."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from pathlib import Path

@@ -1,7 +1,5 @@
 """`apf view`: a track on the page, alone or in stored voxels, and a picture with --png."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import cv2

@@ -1,7 +1,5 @@
 """Cutting a long take into chunks, and joining the chunks where they agree."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from itertools import pairwise

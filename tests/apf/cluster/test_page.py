@@ -1,7 +1,5 @@
 """The page and the table of a folder of takes."""
 
-from __future__ import annotations
-
 import csv
 from dataclasses import asdict
 from html.parser import HTMLParser

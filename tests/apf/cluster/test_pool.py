@@ -1,7 +1,5 @@
 """Tasks on workers that die, raise and are stopped; many takes by the command."""
 
-from __future__ import annotations
-
 import signal
 import threading
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """Which takes count as finished."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

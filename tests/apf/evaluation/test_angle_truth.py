@@ -1,7 +1,5 @@
 """Joint angles against the rotations of a rig with another rest pose, which turns with the body."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

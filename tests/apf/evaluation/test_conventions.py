@@ -1,7 +1,5 @@
 """Truths whose axes or unit are not what was stated."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Comparing a track with the truth, as a library and through `apf evaluate`."""
 
-from __future__ import annotations
-
 import csv
 import json
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """C3D files as truth, and markers fixed to a body against those of motion capture."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Several people against the truth: counts, identities, and `apf evaluate` of their folder."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

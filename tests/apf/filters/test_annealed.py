@@ -1,7 +1,5 @@
 """The annealed particle filter: whole frames, kernels against the twin."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 from itertools import islice

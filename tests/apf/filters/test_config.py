@@ -1,7 +1,5 @@
 """The tracker's settings: schedules, and what is refused."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """The search for limbs: kernels against the twin, and use."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Every search over every objective, on the device and as twins, through the same pipeline."""
 
-from __future__ import annotations
-
 import json
 from itertools import product
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Random numbers: Random123's known answers, and the same words on every device."""
 
-from __future__ import annotations
-
 from importlib import resources
 
 import numpy as np

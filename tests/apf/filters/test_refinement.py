@@ -1,7 +1,5 @@
 """Gauss-Newton refinement: convergence, and the kernel against the twin."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Particle swarm and SIR filter: against their twins, and whether they find what there is."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Set-up files for OpenSim, and its inverse kinematics where it is installed."""
 
-from __future__ import annotations
-
 import importlib.util
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path

@@ -1,7 +1,5 @@
 """C3D, TRC, MOT and CSV files read by independent readers."""
 
-from __future__ import annotations
-
 import csv
 from dataclasses import replace
 from pathlib import Path

@@ -1,8 +1,6 @@
 """BVH and GLB files read by independent readers: bvhio, pygltflib, trimesh, and Blender if
 installed."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

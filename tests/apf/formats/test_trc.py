@@ -1,7 +1,5 @@
 """TRC files: writing, and reading those of other programs."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Image features on every OpenCL device against their NumPy twin, and what they find."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 import pytest
@@ -27,7 +25,7 @@ def pictures(rig, masks: np.ndarray, seed: int = 0) -> np.ndarray:
     return np.clip(images + random.normal(0, 4, (*masks.shape, 3)), 0, 255).astype(np.uint8)
 
 
-def plate(rig) -> scenes.Plate:
+def plate(rig) -> Background:
     shape = (len(rig), rig.height, rig.width, 3)
     mean = np.broadcast_to(np.array([180, 140, 90], np.float32), shape)
     return Background(np.ascontiguousarray(mean), np.full(shape, 5, np.float32))

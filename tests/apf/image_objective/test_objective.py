@@ -1,7 +1,5 @@
 """Rendered bodies and image objectives: known answers, and the kernels against their twins."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import cv2

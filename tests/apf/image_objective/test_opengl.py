@@ -1,7 +1,5 @@
 """OpenGL: pictures and scores of the OpenCL renderer's, but for a boundary band."""
 
-from __future__ import annotations
-
 import threading
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """The automatic start: shapes fitted to clouds, hypotheses judged, headings told apart."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from helpers import bodies

@@ -1,7 +1,5 @@
 """The first pose: read from a file, fitted to joints."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Bodies, poses and points on the body that are learnt from keypoints."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

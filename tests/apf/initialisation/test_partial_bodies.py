@@ -1,7 +1,5 @@
 """Starts and recovery of bodies that are a part of the person only."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

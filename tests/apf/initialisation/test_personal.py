@@ -1,7 +1,5 @@
 """A person's own body from outlines: what the take shows is found, the rest stays where it was."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from helpers import bodies

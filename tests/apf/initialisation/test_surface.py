@@ -1,7 +1,5 @@
 """A person's surface: found from outlines, moved by the bones, written, painted, measured."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The trackers of a start: one for each set of settings, whatever body comes next."""
 
-from __future__ import annotations
-
 import logging
 
 import numpy as np

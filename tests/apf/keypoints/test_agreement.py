@@ -1,7 +1,5 @@
 """Keypoints that are swapped, rotated or of other pictures are reported in one line."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Persons of several cameras assigned to people, whatever their order in the pictures."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Cameras in metres, Z up, from the keypoints of a body that walks."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

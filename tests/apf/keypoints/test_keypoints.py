@@ -1,7 +1,5 @@
 """Keypoints of npz and arrays: shapes, cameras, frames, distortion, and bad ones."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

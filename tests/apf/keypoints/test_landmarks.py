@@ -1,7 +1,5 @@
 """Keypoint names are points on the body, independent of its limbs' directions at angle 0."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Keypoints of several people are given to the people in the voxels."""
 
-from __future__ import annotations
-
 import numpy as np
 from helpers import scenes
 from helpers.keypoints import of_poses

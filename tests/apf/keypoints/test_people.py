@@ -1,8 +1,6 @@
 """OpenPose's JSON in the layouts of several programs, OpenCap's pickles, DeepLabCut's tables,
 persons."""
 
-from __future__ import annotations
-
 import csv
 import json
 import pickle

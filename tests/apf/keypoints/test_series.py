@@ -1,7 +1,5 @@
 """Gaps of points over time, and the low-pass filter."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Each of several people is found where they stand, by a network that finds the brightest one."""
 
-from __future__ import annotations
-
 import numpy as np
 from helpers import scenes
 

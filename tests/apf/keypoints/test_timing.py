@@ -1,7 +1,5 @@
 """Late keypoints, and exchanged sides, are found though the keypoints fit each other."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

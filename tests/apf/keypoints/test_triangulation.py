@@ -1,7 +1,5 @@
 """Triangulation of keypoints, some of which are wrong."""
 
-from __future__ import annotations
-
 import numpy as np
 from helpers import scenes
 from helpers.keypoints import of_poses, world_points

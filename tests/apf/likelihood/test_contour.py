@@ -1,7 +1,5 @@
 """Contours of the pictures, and their kernels against the twin."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import cv2

@@ -1,7 +1,5 @@
 """The keypoints' term of the likelihood, and its kernel against the twin."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The colours of the parts of a body in the pictures, and their kernels against the twin."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

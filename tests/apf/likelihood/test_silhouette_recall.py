@@ -1,7 +1,5 @@
 """Silhouette recall, and its kernels against the twin."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from helpers import bodies, scenes

@@ -1,7 +1,5 @@
 """Every registered term, those of other installed packages among them."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

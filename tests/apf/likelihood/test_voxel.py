@@ -1,7 +1,5 @@
 """Errors of particles: the kernels against the twin."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

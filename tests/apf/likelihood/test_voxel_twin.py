@@ -1,7 +1,5 @@
 """Errors of particles: the twin against known answers."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

@@ -1,7 +1,5 @@
 """How large a search a frame's time allows."""
 
-from __future__ import annotations
-
 import pytest
 
 from apf.filters.method import Method

@@ -1,7 +1,5 @@
 """Live tracking: the session, and the whole of it from the command line."""
 
-from __future__ import annotations
-
 import json
 import threading
 import time

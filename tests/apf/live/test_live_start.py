@@ -1,7 +1,5 @@
 """Who is followed by `apf live`, and what is said of the others."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What people are told of a live run's speed."""
 
-from __future__ import annotations
-
 from apf.live.pace import Pace, describe_run
 from apf.live.session import LiveResult
 from apf.live.timeline import Timeline

@@ -1,7 +1,5 @@
 """Poses that are sent, by receivers written from the protocols' public descriptions."""
 
-from __future__ import annotations
-
 import json
 import socket
 import struct

@@ -1,7 +1,5 @@
 """Where live frames come from, and pictures made smaller."""
 
-from __future__ import annotations
-
 import errno
 import threading
 import time

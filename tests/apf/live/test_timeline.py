@@ -1,7 +1,5 @@
 """What each thread did when, its picture, and how late poses are."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Drawing tracked bodies over pictures."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Motion that no person makes is named, and what people do is not."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The report's page in a browser: the player follows the slider, and no request leaves the page."""
 
-from __future__ import annotations
-
 import json
 import re
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Judging a track without ground truth: wrong limbs are found, right ones are not."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The sides of the body, and what is lost, differ for people who are colour-blind."""
 
-from __future__ import annotations
-
 from itertools import combinations
 
 import cv2

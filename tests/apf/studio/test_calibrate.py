@@ -1,7 +1,5 @@
 """The page calibrates cameras: what the board has covered, what is missing, the cameras' use."""
 
-from __future__ import annotations
-
 import shutil
 import time
 from collections.abc import Iterator

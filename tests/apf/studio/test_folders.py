@@ -1,7 +1,5 @@
 """What a page may open: folders inside of those given, by their kinds."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

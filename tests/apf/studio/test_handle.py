@@ -1,7 +1,5 @@
 """A handle that turns a limb: all that hangs on it turns about the joint before."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace

@@ -1,7 +1,5 @@
 """The page of a live run shows the newest pose, and ends the run."""
 
-from __future__ import annotations
-
 import time
 from contextlib import closing
 

@@ -1,7 +1,5 @@
 """The page: what it shows of a folder, in the server and in a browser."""
 
-from __future__ import annotations
-
 import io
 import zipfile
 from collections.abc import Callable, Iterator

@@ -1,7 +1,5 @@
 """Starting a run from the page: its settings, its flags, its process and its results."""
 
-from __future__ import annotations
-
 import json
 import threading
 import time

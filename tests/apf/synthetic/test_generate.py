@@ -1,7 +1,5 @@
 """The synthetic walker: a believable body, exact truth, whole folders."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import cv2

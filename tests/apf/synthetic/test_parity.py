@@ -1,7 +1,5 @@
 """The renderer's kernel and its NumPy twin see the same silhouette and depth, on every device."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Several synthetic walkers: apart, hidden by whom is nearer, true in the truth."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import cv2

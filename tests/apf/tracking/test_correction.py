@@ -1,7 +1,5 @@
 """Corrections by hand: their file, where cameras would see them, what they change of a track."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Feet that stand: found, and held."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Events and parameters of walks whose truth is known."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from itertools import pairwise

@@ -1,7 +1,5 @@
 """Tracks by keypoints: without pictures' silhouettes, beside voxels, live, and found again."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """How far limbs are believed: by what else was found, by how they tremble, by another track."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Limbs that a track does not believe: flagged, missing or bridged in its files."""
 
-from __future__ import annotations
-
 import csv
 import json
 from dataclasses import replace

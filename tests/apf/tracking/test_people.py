@@ -1,7 +1,5 @@
 """The tracks of several people and their files."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Trackers that know when they have lost the person."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from types import SimpleNamespace
 

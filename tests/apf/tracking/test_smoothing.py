@@ -1,7 +1,5 @@
 """Smoothing tracks in time, and `apf smooth`."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Tracks of several people on one reconstruction."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

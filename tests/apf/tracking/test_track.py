@@ -1,7 +1,5 @@
 """The Track type and its npz and CSV files."""
 
-from __future__ import annotations
-
 import csv
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A track from keypoints alone, and `apf track --method triangulate`."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Tracks that are made forward and back."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import Any

@@ -1,7 +1,5 @@
 """Covariance of joints from that of the pose."""
 
-from __future__ import annotations
-
 import numpy as np
 from helpers import bodies
 

@@ -1,7 +1,5 @@
 """A term of the likelihood: poses near the limits of the joints cost something."""
 
-from __future__ import annotations
-
 from apf.likelihood.terms import Parity, TermSpec
 from psfs.common.config import Config, setting
 

@@ -1,7 +1,5 @@
 """The term near_limits: its launcher, and its twin."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from apf.body.model import BodyModel

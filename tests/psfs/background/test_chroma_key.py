@@ -1,7 +1,5 @@
 """A screen of one colour as background: found, and kept apart from the person."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import cv2

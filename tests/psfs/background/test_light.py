@@ -1,7 +1,5 @@
 """The light of a picture is told from that of the background, whoever stands before it."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from helpers import scenes

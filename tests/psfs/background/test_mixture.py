@@ -1,7 +1,5 @@
 """Silhouettes by a mixture of Gaussians."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Without pictures of the empty scene, the background is the median of the frames."""
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 

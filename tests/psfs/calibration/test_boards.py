@@ -1,7 +1,5 @@
 """Detection of rendered boards: accuracy, orientation, and hints of other boards."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Calibration from noisy sightings of boards and wands in known poses."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

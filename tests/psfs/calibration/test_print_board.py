@@ -1,7 +1,5 @@
 """The printed board is OpenCV's, in its true size, and is found again."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

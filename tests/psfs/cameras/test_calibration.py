@@ -1,7 +1,5 @@
 """Calibration readers read back a rig that was written in each format."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import cv2

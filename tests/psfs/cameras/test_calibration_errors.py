@@ -1,7 +1,5 @@
 """Errors of invalid calibrations: one line with file, camera and what was expected."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

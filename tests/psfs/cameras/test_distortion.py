@@ -1,7 +1,5 @@
 """Lens distortion: derivatives, and the radius up to which it is one to one."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 import pytest

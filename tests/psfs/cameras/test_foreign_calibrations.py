@@ -1,7 +1,5 @@
 """One rig written in every format: `psfs info` reports the same for all."""
 
-from __future__ import annotations
-
 import json
 import math
 import struct

@@ -1,7 +1,5 @@
 """Resized pictures lie where the scaled cameras say, and rays are exact."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import cv2

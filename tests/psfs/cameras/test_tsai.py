@@ -1,8 +1,6 @@
 """Tsai's camera model: text files, and projections compared with an implementation of the
 equations."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

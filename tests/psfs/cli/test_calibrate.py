@@ -1,7 +1,5 @@
 """`psfs calibrate` on rendered boards and wands: from pictures to calibration.toml."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

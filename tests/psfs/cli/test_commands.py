@@ -1,7 +1,5 @@
 """`psfs reconstruct`, `check` and `view` on a small folder with ready masks."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """`psfs mesh` on a small run with ready masks, and on the Middlebury dinosaur."""
 
-from __future__ import annotations
-
 import json
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Things that do not stand on the floor: a statue below the origin of a world with Y up."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

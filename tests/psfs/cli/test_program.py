@@ -1,7 +1,5 @@
 """What all commands share: versions, completion, settings as a file, messages, the log."""
 
-from __future__ import annotations
-
 import shutil
 import subprocess
 from pathlib import Path

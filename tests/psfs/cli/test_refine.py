@@ -1,7 +1,5 @@
 """`psfs calibrate --refine` on a take of masks: corrected if off, kept if sound."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """`psfs silhouettes`: pictures of the silhouettes, and how far they agree with true masks."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Points of C3D files, in paths that ezc3d does not accept."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 from typing import Any

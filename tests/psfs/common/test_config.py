@@ -1,7 +1,5 @@
 """Settings: what they refuse and how they say so, changes, plain values and back."""
 
-from __future__ import annotations
-
 import json
 import pickle
 from typing import Literal

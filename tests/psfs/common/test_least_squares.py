@@ -1,7 +1,5 @@
 """Robust least squares: wrong measurements, covariance, elimination, differences."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

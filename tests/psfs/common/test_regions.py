@@ -1,7 +1,5 @@
 """Regions of pixels and voxels: overlap and connected components."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """What is registered: this program's own modules, and other packages' entry points."""
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Callable
 from importlib.metadata import EntryPoint

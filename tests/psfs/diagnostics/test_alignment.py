@@ -1,7 +1,5 @@
 """Rigs that are a little off are corrected until the silhouettes fit; exact ones stay."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import cv2

@@ -1,7 +1,5 @@
 """Cameras whose clocks run differently are followed by silhouettes."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The scores of clouds whose faults are known."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from helpers import scenes

@@ -1,7 +1,5 @@
 """Cameras that disagree with the others are named, with the likely reason."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager

@@ -1,7 +1,5 @@
 """Wrong footage is named: a walking block in masks, spoilt in one way each."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

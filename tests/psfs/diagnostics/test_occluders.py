@@ -1,7 +1,5 @@
 """Furniture is found where one camera denies what the others see, and nowhere else."""
 
-from __future__ import annotations
-
 import numpy as np
 from helpers import scenes
 

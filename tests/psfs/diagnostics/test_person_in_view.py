@@ -1,7 +1,5 @@
 """What each camera sees of the person: frames, wholeness, height."""
 
-from __future__ import annotations
-
 import numpy as np
 from helpers import scenes
 

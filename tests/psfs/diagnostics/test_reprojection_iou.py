@@ -1,7 +1,5 @@
 """`psfs check` judges by the silhouettes that the run was made of."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """`psfs info`: facts and warnings."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What the diagnostics take out of small pictures."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """Surfaces are closed, free of debris, in place and not shrunk; files conform to their formats."""
 
-from __future__ import annotations
-
 import json
 import struct
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Silhouettes and pictures of meshes."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Videos are written completely, in H.264."""
 
-from __future__ import annotations
-
 import signal
 from pathlib import Path
 

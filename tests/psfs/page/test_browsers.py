@@ -1,7 +1,5 @@
 """Browsers without a graphics chip are distinguished from others by the time of a picture."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 from typing import Any
 

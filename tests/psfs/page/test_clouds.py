@@ -1,7 +1,5 @@
 """Points of frames: as stored, within the memory that they may take, carved in the background."""
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Iterator
 from pathlib import Path

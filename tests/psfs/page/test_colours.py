@@ -1,7 +1,5 @@
 """Colours of voxels and meshes."""
 
-from __future__ import annotations
-
 import io
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Files that are dropped onto the page."""
 
-from __future__ import annotations
-
 import json
 import threading
 from pathlib import Path

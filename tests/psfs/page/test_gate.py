@@ -1,7 +1,5 @@
 """Requests without the token get nothing, neither the page nor the websocket."""
 
-from __future__ import annotations
-
 import http.client
 from collections.abc import Iterator
 

@@ -1,7 +1,5 @@
 """The 3-D view through a camera: its picture without distortion, and where clicks meet."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import cv2

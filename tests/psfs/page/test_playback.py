@@ -1,7 +1,5 @@
 """The playback clock, without a window."""
 
-from __future__ import annotations
-
 import pytest
 
 from psfs.page.timeline import SPEEDS, Playback

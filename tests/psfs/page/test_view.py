@@ -1,7 +1,5 @@
 """`psfs view`: what its page shows, its keys, and the picture with --png."""
 
-from __future__ import annotations
-
 import http.client
 import sys
 from collections.abc import Callable

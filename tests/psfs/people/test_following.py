@@ -1,7 +1,5 @@
 """People keep their identity from frame to frame, in coarse voxels."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Where people stand is found from their coarse voxels."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Several people in one volume, and each of them apart from the others."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """What silhouettes learn from the frame before, on every OpenCL device against the NumPy twin."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import cv2

@@ -1,7 +1,5 @@
 """Pixels where furniture hides what is behind it: kernels against the twin, and what they do."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,8 +1,6 @@
 """Each kernel of the silhouettes on every OpenCL device, given what the others left, against the
 twin of that step."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Silhouette likelihood maps on every OpenCL device against the NumPy twin, and their meaning."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import cv2

@@ -1,7 +1,5 @@
 """A tracked body as a prior of the voxels: kernels and twin, what it does, what is refused."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

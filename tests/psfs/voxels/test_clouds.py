@@ -1,7 +1,5 @@
 """Voxel clouds written and read back."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

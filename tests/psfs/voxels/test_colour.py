@@ -1,7 +1,5 @@
 """Colours of the surface on every OpenCL device against the NumPy twin, and their meaning."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A frame is divided among people: kernels against the twin, and by hand."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from helpers import scenes

@@ -1,7 +1,5 @@
 """What the pictures show joins the voxels' silhouettes: kernels against the twin, and by hand."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Normals of voxel clouds against those of the shapes that they were made of."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from psfs.reference.surface import surface_voxels

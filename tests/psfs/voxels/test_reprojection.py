@@ -1,7 +1,5 @@
 """Reprojection of the voxels on every OpenCL device against its NumPy twin."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from helpers import scenes

@@ -1,8 +1,6 @@
 """Voxels in the bricks that can be occupied on every OpenCL device against the NumPy twin, over
 awkward inputs."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Surface voxels on every OpenCL device against the NumPy twin."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
