@@ -125,15 +125,15 @@ def find_covered(
     deviation of the empty scene in the frames' light, if it was filmed.
 
     The background is at first the median or, if people stay in a place and are thus in the median,
-    the film; without one, it is extrapolated from around all that moves. Of the two results, that
-    one is returned in which the cameras agree better.
+    the film; without one, it is extrapolated from around all that moves. That one is taken in which
+    the cameras agree better.
     """
     moving = np.stack(list(pool.map(find_moving_region, frames)))
     moments = list(pool.map(median_moments, frames))
     films = [None] * len(rig) if film is None else [(mean, std) for mean, std in film]
     still = Rays(rig, moving)
 
-    def find(from_median: bool) -> tuple[float, list[Labels]]:
+    def begin(from_median: bool) -> tuple[Coverage, list[PixelDensities], np.ndarray]:
         rays = still
         if film is not None and not from_median:
             # Somebody who sits moves in some views, or in none.
@@ -142,9 +142,11 @@ def find_covered(
             rays = Rays(rig, changes, _FLOOR)
         learn = partial(PixelDensities, from_median=from_median)
         densities = list(pool.map(learn, frames, rays.regions, moments, films))
-        return _maximise(rays, frames, densities, pool)
+        coverage = Coverage(rays)
+        return coverage, densities, _update(coverage, densities, pool)
 
-    return max(map_in_threads(find, (True, False)), key=lambda result: result[0])[1]
+    begun = map_in_threads(begin, (True, False))
+    return _maximise(*max(begun, key=lambda result: result[0].agreement), pool)
 
 
 def _find_changes(seeds: np.ndarray, moments: Moments, film: Moments) -> np.ndarray:
@@ -156,28 +158,32 @@ def _find_changes(seeds: np.ndarray, moments: Moments, film: Moments) -> np.ndar
     return np.asarray(changes & np.isin(parts, np.unique(parts[seeds])))
 
 
+def _update(
+    coverage: Coverage, densities: list[PixelDensities], pool: ThreadPoolExecutor
+) -> np.ndarray:
+    """Return (V, n, h, w) bool: which pixels people cover, given the densities."""
+    return coverage.update(list(pool.map(PixelDensities.evidence, densities)), pool)
+
+
 def _maximise(
-    rays: Rays,
-    frames: np.ndarray,
+    coverage: Coverage,
     densities: list[PixelDensities],
+    covered: np.ndarray,
     pool: ThreadPoolExecutor,
-) -> tuple[float, list[Labels]]:
-    """Alternate between who covers which pixel and what is behind, until nothing changes. Return
-    the agreement of the cameras, and the labels."""
-    coverage = Coverage(rays)
-    covered = np.zeros(frames.shape[:-1], bool)
+) -> list[Labels]:
+    """Alternate between what is behind and who covers which pixel until nothing changes.
+
+    covered: (V, n, h, w) bool, at first."""
+    before = np.zeros_like(covered)
     for _ in range(_ROUNDS):
-        before = covered
-        covered = coverage.update(list(pool.map(PixelDensities.evidence, densities)), pool)
         if (covered != before).mean() < _CONVERGED:
             break
-
         colours = list(pool.map(PixelDensities.learn, densities, covered))
         for of in densities:
             of.learn_person(colours)
+        before, covered = covered, _update(coverage, densities, pool)
     unseen = pool.map(PixelDensities.extrapolate, densities)
-    labels = map(Labels, covered, unseen, [of.same for of in densities])
-    return coverage.agreement, list(labels)
+    return list(map(Labels, covered, unseen, [of.same for of in densities]))
 
 
 def _read_samples(
