@@ -160,6 +160,7 @@ class Page(BrowserPage):
                 known=self.roots.find_calibrations(), results=self._results,
                 make_device=self._make_device, open_folder=self._show_run,
             )  # fmt: skip
+            self._show_step("Open", "Look for the board, or the person, and record: it opens.")
 
     def close_folder(self) -> None:
         """Close the folder that is open, if one is."""
