@@ -125,8 +125,8 @@ class RecoveringTracker:
         return recovered
 
     def _agree(self, one: Estimate, other: Estimate) -> bool:
-        """Return whether two estimates have the joints at nearly the same places, and neither a
-        misfit from `WORST` on."""
+        """Return whether two estimates have their joints at nearly the same places, and both a
+        misfit below `WORST`."""
         body = one.body
         places = posed_joints(body, np.stack([one.pose, other.pose]))
         apart = np.linalg.norm(places[0] - places[1], axis=-1).mean()

@@ -54,11 +54,11 @@ def compare_lenses(
     scene: CalibrationScene, target: Target, sightings: Sequence[Sighting],
     views: Sequence[int], held: tuple[int, ...],
 ) -> dict[int, tuple[float, Camera]]:  # fmt: skip
-    """Estimate the intrinsics of the cameras `views`, all at once; return, for each, F and the
-    camera with the estimate.
+    """Estimate the intrinsics of the cameras `views`, all at once; return for each camera the
+    statistic of its change, and the camera with the estimated intrinsics.
 
-    F is the change's square per parameter in units of its covariance, near 1 if the given ones are
-    right (Wald's test).
+    The statistic (Wald's F) is the square of the change in units of its covariance, per parameter:
+    near 1 if the given intrinsics are right.
     """
     problem = _Problem(scene, target, sightings, FreeParameters(tuple(views), held))
     solution = problem.solve()

@@ -58,13 +58,12 @@ class Residuals:
     """M measurements of R numbers each, and what they depend on.
 
     values: (M,) or (M, R), found less expected; NaN where there is none, infinite where parameters
-    cannot be. sigma: their standard
-    deviation, a number or (M,); None: estimated from the residuals by the median, but at least
-    `least`. weights: (M,) how many independent measurements each is; 1 by default. robust: whether
-    measurements may be wrong. groups: (M,) int, measurements whose noise is estimated together.
-    through: slopes of coordinates between measurements of one number and parameters, such as those
-    of parts that many points touch: (L, size of coordinates, size) by the blocks of parameters, of
-    the L items on which the only one of `slopes` depends.
+    cannot be. sigma: their standard deviation, a number or (M,); None: estimated from the residuals
+    by the median, but at least `least`. weights: (M,) how many independent measurements each is; 1
+    by default. robust: whether measurements may be wrong. groups: (M,) int, measurements whose
+    noise is estimated together. through: if numbers (M,) depend on the parameters by way of the
+    coordinates of L items alone, as points by those of the part that they touch, `slopes` is one,
+    by these coordinates, and `through` holds theirs (L, size of coordinates, size) by each block.
     """
 
     values: np.ndarray
@@ -322,8 +321,8 @@ class _Layout:
     def _multiply_through(
         self, block: Residuals, roots: np.ndarray
     ) -> tuple[scipy.sparse.csc_matrix, np.ndarray]:
-        """Return the normal matrix and the gradient of measurements by coordinates between them and
-        the parameters: the products of the few numbers that measurements depend on come first."""
+        """Return the normal matrix and the gradient of measurements that depend on the parameters
+        by way of a few coordinates: these are multiplied first, the parameters' slopes after."""
         used, (slope,) = np.flatnonzero(roots), block.slopes
         rows = np.concatenate([slope.values[used, 0], block.rows[used]], axis=1) * roots[used]
         items, key = np.unique(slope.items[used], return_inverse=True)

@@ -103,8 +103,8 @@ class Evidence:
 
     @cached_property
     def offsets(self) -> np.ndarray:
-        """Offsets (V,) in whole frames of the cameras that surely come late or early: beyond
-        chance and, with two standard deviations, by more than a frame, since less is a difference
+        """Offsets (V,), whole frames, of the cameras that are late or early for certain: not by
+        chance, and by more than a frame at two standard deviations, for a shorter lag may be one
         of exposure."""
         if len(self.sound) < 2 or not math.isfinite(self.tangency.size):
             return np.zeros(len(self.names), int)

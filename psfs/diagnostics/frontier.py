@@ -96,7 +96,7 @@ class FrontierPoints:
         return len(self.frames)
 
     def select(self, mask: np.ndarray) -> FrontierPoints:
-        """Return those of a `mask` (M,) bool."""
+        """Return the points that `mask` (M,) bool selects."""
         columns = self.views, self.frames, self.pixels, self.rates
         return FrontierPoints(*(column[mask] for column in columns))
 

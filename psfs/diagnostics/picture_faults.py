@@ -86,7 +86,7 @@ def find_empty(evidence: Evidence) -> Iterator[Fault]:
 
 
 def _judges_silhouettes(evidence: Evidence) -> bool:
-    """Return whether a silhouette that fills its picture is wrong: that of an object may."""
+    """Return whether a silhouette that fills its picture is wrong; an object may fill it."""
     if evidence.sequence.background_kind == "masks":
         return evidence.sequence.subject == "person"
     return evidence.views.backgrounds is not None

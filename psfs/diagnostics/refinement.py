@@ -197,7 +197,8 @@ def _measure_points(
 
 
 def _hold(held: np.ndarray, values: np.ndarray) -> Residuals:
-    """Return the residuals of what is held (8, 8 V) at corrections (V, 8)."""
+    """Return the residuals that keep what corrections (V, 8) move, by derivatives `held` (8, 8 V),
+    in its place."""
     rows = held.reshape(len(held), *values.shape)
     slopes = [
         Slope("cameras", np.full(len(held), view), rows[:, view, None])

@@ -215,9 +215,8 @@ def adjust_rounds(
 
 
 def measure_misfit(adjusted: Adjusted, points: PersonPoints, every: int = 1) -> float:
-    """Return the mean distance, px, of the outermost points from the epipolar lines. Half the
-    largest distance counts for points that the shorter recording would have and that lags leave
-    out."""
+    """Return the mean distance, px, of the outermost points from the epipolar lines. Each point
+    that is missing, because lags leave out its frame, counts with half the largest distance."""
     shifts = np.round(adjusted.lags).astype(int)
     outermost = points.find_extremes(adjusted.rig.cameras, shifts, every)
     n = len(adjusted.rig)
@@ -246,10 +245,10 @@ def measure_pairs(adjusted: Adjusted, points: PersonPoints) -> np.ndarray:
 
 
 def summarise_pairs(pairs: np.ndarray) -> np.ndarray:
-    """Return by how much the silhouettes of each camera (V,) and of the others differ, px: the
-    median of its `pairs` (V, V), since a shadow that it and another see alike does not count.
+    """Return by how much the silhouettes of each camera (V,) differ from those of the others, px:
+    the median of its `pairs` (V, V), which a shadow that two cameras see alike does not move.
 
-    Infinity with fewer than two: one pair alone does not tell how far away a camera is.
+    Infinity with fewer than two pairs: one alone does not tell how far away a camera is.
     """
     known = [errors[np.isfinite(errors)] for errors in pairs]
     return np.array([np.median(errors) if len(errors) >= 2 else np.inf for errors in known])

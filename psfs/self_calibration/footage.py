@@ -35,9 +35,8 @@ def extract_outlines(
     footage: Footage, view: int, empty: Background | None, factor: float,
     device: Device | NumpyDevice, config: PersonConfig,
 ) -> Iterator[Outline | None]:  # fmt: skip
-    """Yield the outlines of the person in the first pictures of a camera, each silhouette by
-    itself. empty: its empty scene, see `estimate_empty_scene`. factor: of the pictures that are
-    used, at most 1."""
+    """Yield the outline of the person in each of a camera's first pictures. empty: its empty scene,
+    see `estimate_empty_scene`. factor: by which the pictures are scaled, at most 1."""
     for mask in _silhouettes(footage, view, empty, factor, device, config.most_frames):
         yield outline_person(mask)
 

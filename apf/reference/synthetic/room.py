@@ -33,7 +33,8 @@ def empty_room(
 def room_colour(
     origin: np.ndarray, rays: np.ndarray, posters: np.ndarray, boxes: np.ndarray, seed: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return grey levels (N, 3), distance (N,) m, and whether (N,) the floor is seen."""
+    """Return the grey levels (N, 3) of what rays hit in the room, its distance (N,) m, and whether
+    (N,) it is the floor."""
     half = np.array([ROOM[0], ROOM[1], 0.5 * ROOM[2]])
     far = (np.copysign(half, rays) - (origin - [0, 0, half[2]])) / rays
     t, n = far.min(1), np.zeros(rays.shape)

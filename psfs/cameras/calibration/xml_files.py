@@ -111,7 +111,7 @@ def _read_cameras(
 
 
 def _is_video(element: ElementTree.Element) -> bool:
-    """Return whether a camera of Vicon or OptiTrack films, beside those that see markers only."""
+    """Return whether a camera of Vicon or OptiTrack takes pictures: others see markers only."""
     colour = element.get("Serial", "").upper().startswith("C")
     return colour or "video" in element.get("TYPE", "").lower()
 
