@@ -57,7 +57,7 @@ def segment_frames(body: BodyModel) -> dict[str, tuple[int, np.ndarray]]:
                 frame = _build_frame(_joint_vector(body, bottom, top, bone), right)
                 frames[side + segment] = (bone, frame)
         shank = frames.get(f"{side}shank", (-2,))[0]
-        for bone in (index for index, own in enumerate(body.bones) if own.parent == shank):
+        for bone in (index for index, child in enumerate(body.bones) if child.parent == shank):
             frames[f"{side}foot"] = (bone, upright[0, bone].T @ world)
     return frames
 

@@ -72,11 +72,11 @@ def limb_names(body: BodyModel) -> tuple[str, ...]:
     """Return the usual names (L,) of the `limb_chains`, such as left arm."""
     ends = {joint.bone: joint.name for joint in body.joints if joint.name in LIMB_ENDS.values()}
     names = {end: name for name, end in LIMB_ENDS.items()}
-    found = []
+    listed = []
     for chain in limb_chains(body):
         end = next((ends[bone] for bone in chain if bone in ends), None)
-        found.append(names[end] if end else body.bones[chain[-1]].name)
-    return tuple(found)
+        listed.append(names[end] if end else body.bones[chain[-1]].name)
+    return tuple(listed)
 
 
 def limb_ends(body: BodyModel) -> list[int]:

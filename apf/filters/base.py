@@ -294,5 +294,5 @@ def unpack_report(report: np.ndarray, body: BodyModel, n_layers: int) -> Estimat
     ess, beta, error = layers.reshape(n_layers, 3).T
     information = packed[_symmetric_indices(n_dof)]
     chosen_from = candidates.reshape(n_candidates, n_dof), errors
-    found = (pose, deviation, ess, beta, error, information)
-    return Estimate(body, *found, *chosen_from, float(misfit[0]))
+    estimate = (pose, deviation, ess, beta, error, information)
+    return Estimate(body, *estimate, *chosen_from, float(misfit[0]))

@@ -73,12 +73,12 @@ def _find_segments(names: list[str]) -> list[tuple[int, int]]:
 
 
 def _align(
-    found: PointCalibration, names: list[str], standing: dict[str, np.ndarray]
+    result: PointCalibration, names: list[str], standing: dict[str, np.ndarray]
 ) -> PointCalibration:
     """Return the calibration in metres, Z up, with Z = 0 on the floor below the person's middle."""
-    size = _measure_scale(found.points, names, standing)
-    points = size * found.points
-    cameras = [replace(camera, t=size * camera.t) for camera in found.rig]
+    size = _measure_scale(result.points, names, standing)
+    points = size * result.points
+    cameras = [replace(camera, t=size * camera.t) for camera in result.rig]
     R = turn_to_up(_measure_up(points, names), cameras[0].R[0])
     ankles = [k for k, name in enumerate(names) if name.endswith("_ankle")]
     low = _find_lowest(points[:, ankles] @ R.T)
@@ -89,7 +89,7 @@ def _align(
     floor = np.median(_find_lowest(local[:, ankles])[:, 2]) - standing[names[ankles[0]]][2]
     origin = np.array([*middle[:2], floor])
     turned = CalibrationScene(tuple(cameras), {}).transform(rigid_transform(R, -origin))
-    return replace(found, rig=CameraRig(turned.cameras), points=local - origin)
+    return replace(result, rig=CameraRig(turned.cameras), points=local - origin)
 
 
 def _measure_scale(points: np.ndarray, names: list[str], standing: dict[str, np.ndarray]) -> float:
@@ -100,11 +100,11 @@ def _measure_scale(points: np.ndarray, names: list[str], standing: dict[str, np.
     wanted = [float((ends[0] - ends[1])[2])]
     for side in "lr":
         for pair in _SEGMENTS:
-            own = [f"{side}_{name}" for name in pair]
-            if set(own) <= set(names):
-                a, b = (points[:, names.index(end)] for end in own)
+            sided = [f"{side}_{name}" for name in pair]
+            if set(sided) <= set(names):
+                a, b = (points[:, names.index(end)] for end in sided)
                 lengths.append(float(np.nanmedian(np.linalg.norm(a - b, axis=-1))))
-                wanted.append(float(np.linalg.norm(standing[own[0]] - standing[own[1]])))
+                wanted.append(float(np.linalg.norm(standing[sided[0]] - standing[sided[1]])))
     return sum(wanted) / sum(lengths)
 
 

@@ -77,7 +77,7 @@ class Term(Stage):
 
 def make_terms(shared: Shared, settings: Mapping[str, TermSettings]) -> dict[str, Term]:
     """Return the registered terms of these `settings`, by name, on the device."""
-    return {name: resolve_name(TERMS[name].launcher)(shared, own) for name, own in settings.items()}
+    return {name: resolve_name(TERMS[name].launcher)(shared, c) for name, c in settings.items()}
 
 
 @dataclass(frozen=True, eq=False)

@@ -136,12 +136,12 @@ def _follow(
         progress("tracking")
 
 
-def splice_estimates(track: Track, found: dict[int, Estimate], corrected: list[int]) -> Track:
+def splice_estimates(track: Track, fresh: dict[int, Estimate], corrected: list[int]) -> Track:
     """Return the track with the estimates in place of its own; they fade into it at the ends of
     each stretch, but not within `_FADE` frames of a corrected one."""
-    body, numbers = track.its_body, sorted(found)
+    body, numbers = track.its_body, sorted(fresh)
     rows = np.flatnonzero(np.isin(track.frames, numbers))
-    estimates, provenance = [found[number] for number in numbers], json.loads(track.provenance)
+    estimates, provenance = [fresh[number] for number in numbers], json.loads(track.provenance)
     made = build_track(body, track.fps, numbers, estimates, provenance).judged
     share = _weigh_new_poses(track, rows, corrected)
     poses = track.poses.copy()

@@ -129,18 +129,18 @@ class Track:
         n, n_joints = len(self.frames), len(self.joint_names)
         expected = {"frames": (n,), "poses": (n, len(self.dof_names)), "joints": (n, n_joints, 3)}
         for name, shape in expected.items():
-            found = getattr(self, name).shape
-            if found != shape:
-                raise InputError(f"{name} has shape {found}; expected {shape}")
+            actual = getattr(self, name).shape
+            if actual != shape:
+                raise InputError(f"{name} has shape {actual}; expected {shape}")
         for name, values in self.diagnostics.items():
             if values.shape[:1] != (n,):
                 raise InputError(f"{name} has shape {values.shape}; expected {n} rows")
         limbs = [] if self.body is None else limb_ends(self.body)
         for name in ("limb_margin", "limb_disagreement", "limb_confidence"):
-            found = self.diagnostics.get(name)
-            if found is not None and found.shape != (n, len(limbs)):
+            rows = self.diagnostics.get(name)
+            if rows is not None and rows.shape != (n, len(limbs)):
                 raise InputError(
-                    f"{name} has shape {found.shape}; the body has {len(limbs)} limbs in {n} frames"
+                    f"{name} has shape {rows.shape}; the body has {len(limbs)} limbs in {n} frames"
                 )
         if self.edges.size and not 0 <= self.edges.min() <= self.edges.max() < n_joints:
             raise InputError(f"edges name joints outside 0..{n_joints - 1}")

@@ -158,7 +158,7 @@ def differentiate(
 ) -> list[np.ndarray]:
     """Return the derivatives (M, R, size) of a function's values (M, R) by each of its arguments
     (M, size), by differences. Row m of the values depends on row m of the arguments alone."""
-    found = []
+    derivatives = []
     for at, argument in enumerate(arguments):
         columns = []
         for moved in step * np.eye(argument.shape[1]):
@@ -167,8 +167,8 @@ def differentiate(
                 for sign in (1, -1)
             ]
             columns.append((sides[0] - sides[1]) / (2 * step))
-        found.append(np.stack(columns, axis=-1))
-    return found
+        derivatives.append(np.stack(columns, axis=-1))
+    return derivatives
 
 
 def add_step(parameters: Parameters, step: Parameters) -> Parameters:

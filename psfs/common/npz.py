@@ -120,9 +120,9 @@ def _check_shape(
     lengths: dict[str, tuple[int, str]],
 ) -> None:
     fits = array.ndim == len(shape)
-    for wanted, found in zip(shape, array.shape, strict=False):
-        length = wanted if isinstance(wanted, int) else lengths.setdefault(wanted, (found, key))[0]
-        fits = fits and found == length
+    for wanted, actual in zip(shape, array.shape, strict=False):
+        length = wanted if isinstance(wanted, int) else lengths.setdefault(wanted, (actual, key))[0]
+        fits = fits and actual == length
     if not fits:
         known = lengths if array.ndim == len(shape) else {}
         named = [str(n if isinstance(n, int) else known.get(n, (n, ""))[0]) for n in shape]

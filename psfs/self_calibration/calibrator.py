@@ -206,24 +206,24 @@ def _rank_starts(
     def adjust(
         arrangements: Sequence[Arrangement], views: Sequence[int], points: PersonPoints, name: str
     ) -> list[tuple[Adjusted, Arrangement]]:
-        found = []
+        best = []
         for tried in track(arrangements, len(arrangements), name):
             chosen = [view[k] for view, k in zip(take.views, tried.variants, strict=True)]
             stature, lags = take.points.config.stature, np.array(tried.lags, float)
             rig = place_cameras(take.cameras, chosen, _angles(tried.angles), tried.lags, stature)
             placed = CameraRig(tuple(rig[view] for view in views))
             adjusted = adjust_extremes(placed, step * lags[[*views]], points, FIRST, step)
-            found += [] if adjusted is None else [(adjusted, tried)]
-        found.sort(key=lambda entry: measure_misfit(entry[0], points, step))
-        others = [entry for entry in found[_FINALISTS:] if differ(entry[0], found[0][0])]
-        return found[:_FINALISTS] + others[:1]
+            best += [] if adjusted is None else [(adjusted, tried)]
+        best.sort(key=lambda entry: measure_misfit(entry[0], points, step))
+        others = [entry for entry in best[_FINALISTS:] if differ(entry[0], best[0][0])]
+        return best[:_FINALISTS] + others[:1]
 
     views, everyone = sorted(core), range(len(take.cameras))
-    found = adjust(search.find(_CANDIDATES), views, whole.select(views), "arrangements")
-    if found:
-        tried = [*(entry[1] for entry in found), *search.move_one(found[0][1], _FINALISTS)]
-        found = adjust(tried, everyone, whole, "places of one camera")
-    finished = [adjust_extremes(pair.rig, pair.lags, whole, SECOND, step) for pair, _ in found]
+    best = adjust(search.find(_CANDIDATES), views, whole.select(views), "arrangements")
+    if best:
+        tried = [*(entry[1] for entry in best), *search.move_one(best[0][1], _FINALISTS)]
+        best = adjust(tried, everyone, whole, "places of one camera")
+    finished = [adjust_extremes(pair.rig, pair.lags, whole, SECOND, step) for pair, _ in best]
     ranked = [pair for pair in finished if pair is not None]
     ranked.sort(key=lambda rig: measure_misfit(rig, whole, step))
     return ranked[:1] + [rig_start for rig_start in ranked if differ(rig_start, ranked[0])][:1]

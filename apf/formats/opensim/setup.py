@@ -210,8 +210,8 @@ def marker_series(motion: BodyMotion) -> JointSeries:
         joint = f"{name[:2]}{ends[name[2:]]}" if name[2:] in ends else joint
         gone[:, column] |= on_limbs[joint].astype(bool)
     points = np.where(gone[..., None], np.nan, points)
-    own = motion.points
-    return JointSeries(tuple(names), points, own.fps, own.frames, None, own.note)
+    joints = motion.points
+    return JointSeries(tuple(names), points, joints.fps, joints.frames, None, joints.note)
 
 
 def _start_model(model: GenericModel, motion: BodyMotion) -> str:

@@ -194,11 +194,11 @@ def _arrange_columns(
     out = np.full((len(values), len(individuals), len(parts), 3), np.nan)
     for n, individual in enumerate(individuals):
         for k, part in enumerate(parts):
-            found = [where.get((individual, part, axis)) for axis in _COORDINATES]
-            if any(column is None for column in found[:2]):
+            axes = [where.get((individual, part, axis)) for axis in _COORDINATES]
+            if any(column is None for column in axes[:2]):
                 if individual in ("", individuals[0]):
                     raise InputError(f"{path}: body part {part} has no x, y; expected {_EXPECTED}")
                 continue  # parts of single animals in a table of several
-            for axis, column in enumerate(found):
+            for axis, column in enumerate(axes):
                 out[:, n, k, axis] = 1.0 if column is None else values[:, column]
     return parts, out

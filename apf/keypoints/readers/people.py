@@ -173,8 +173,8 @@ def read_alphapose(folder: Path, paths: Sequence[Path]) -> RawKeypoints | None:
                 if match is None:
                     raise InputError(f"{path}: image_id {picture!r}; expected a frame's number")
                 counted = counted and Path(picture).stem == str(int(match["frame"]))
-                own = frames.setdefault(int(match["frame"]), [])
-                own.append(_parse_points(path, number, {_POINTS: points}))
+                pictured = frames.setdefault(int(match["frame"]), [])
+                pictured.append(_parse_points(path, number, {_POINTS: points}))
             if frames:
                 parts = (*path.relative_to(folder).parent.parts, path.stem)
                 views[parts] = frames
@@ -194,13 +194,13 @@ def _list_alphapose(content: object) -> list[tuple[str, object]] | None:
         ]
         whole = len(entries) == len(content) > 0
         return [(str(row["image_id"]), row["keypoints"]) for row in entries] if whole else None
-    found: list[tuple[str, object]] = []
+    listed: list[tuple[str, object]] = []
     for picture, value in content.items() if isinstance(content, dict) else ():
         persons = value.get("bodies", value.get("people")) if isinstance(value, dict) else None
         if not isinstance(persons, list) or not all(isinstance(entry, dict) for entry in persons):
             return None
-        found += [(picture, entry.get("joints", entry.get(_POINTS))) for entry in persons]
-    return found or None
+        listed += [(picture, entry.get("joints", entry.get(_POINTS))) for entry in persons]
+    return listed or None
 
 
 def read_opencap(folder: Path, paths: Sequence[Path]) -> RawKeypoints:
@@ -237,7 +237,7 @@ def _parse_persons(
         )
     points = (_parse_points(path, n, person, layout) for n, person in enumerate(persons))
     # OpenPose leaves the list empty if it only searched for hands
-    return [found for found in points if len(found)]
+    return [known for known in points if len(known)]
 
 
 def _parse_points(

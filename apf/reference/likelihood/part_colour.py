@@ -121,10 +121,10 @@ def hidden_by_trunk(
     trunk = find_trunk_cone(body)
     if trunk < 0:
         return np.zeros(pixels.shape[:3], bool)
-    own = cones[:, rows[:, 0].astype(int)]
-    own = own[..., 0:3] + rows[:, 1, None] * (own[..., 4:7] - own[..., 0:3])
+    sampled = cones[:, rows[:, 0].astype(int)]
+    sampled = sampled[..., 0:3] + rows[:, 1, None] * (sampled[..., 4:7] - sampled[..., 0:3])
     middle = (cones[:, trunk, None, 0:3] + cones[:, trunk, None, 4:7]) / 2
-    further: np.ndarray = (own - middle) @ camera.R[2] > 0
+    further: np.ndarray = (sampled - middle) @ camera.R[2] > 0
     return further[..., None] & is_in_outline(corners[:, trunk, None, None], pixels)
 
 

@@ -191,8 +191,8 @@ def _finish(
             f"{medians[worst]:.1f} px off, expected at most {limit:.1f}; {FILM}"
         )
     placed = tuple(
-        replace(camera.refocused(found.K[0, 0] / camera.K[0, 0]), R=found.R, t=found.t)
-        for camera, found in zip(cameras, scene.cameras, strict=True)
+        replace(camera.refocused(solved.K[0, 0] / camera.K[0, 0]), R=solved.R, t=solved.t)
+        for camera, solved in zip(cameras, scene.cameras, strict=True)
     )
     points = scene.points.reshape(len(frames), -1, 3)
     return PointCalibration(CameraRig(placed), lags + scene.lags, points, frames, medians)
