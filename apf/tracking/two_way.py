@@ -179,7 +179,7 @@ def _fuse_window(
         for frames, tracker, ahead in zip(both_passes, back, forward, strict=True):
             passes = [ahead, tracker.step(observation)]
             poses = np.stack([each.pose for each in passes])
-            frames.append((passes, tracker.score_poses(exchange_limbs(ahead.body, poses))))
+            frames.append((passes, tracker.score_poses(poses)))
         progress()
     tracks = []
     for frames in both_passes:
@@ -194,25 +194,6 @@ def _without_disagreement(estimate: Estimate) -> Estimate:
     return replace(estimate, disagreement=np.full(len(limb_ends(estimate.body)), np.nan))
 
 
-def exchange_limbs(body: BodyModel, poses: np.ndarray) -> np.ndarray:
-    """Return the poses (K + K (K - 1) L, D) to compare: those of K passes (K, D), then each of them
-    with each of the L limbs of each other pass.
-
-    A limb is moved by inverse kinematics to where the other pass has it. If both passes have it at
-    nearly the same place, its angles are copied instead, because such limbs are averaged.
-    """
-    limbs, joints = limb_masks(body), limb_joints(body)
-    trunk, other = np.nonzero(~np.eye(len(poses), dtype=bool))
-    mixed = np.where(limbs, poses[other, None], poses[trunk, None])
-    places = posed_joints(body, poses)
-    apart = np.linalg.norm(places[other] - places[trunk], axis=-1)
-    far = np.any(joints & (apart[:, None] > SAME_PLACE / 2), axis=2)
-    pair, limb = np.nonzero(far)
-    there = places[other[pair]]
-    mixed[far] = solve_inverse_kinematics(body, mixed[far], limbs[limb], joints[limb], there)
-    return np.concatenate([poses, mixed.reshape(-1, body.n_dof)])
-
-
 def fuse_passes(
     estimates: Sequence[Sequence[Estimate]],
     errors: np.ndarray,
@@ -221,36 +202,25 @@ def fuse_passes(
     """Fuse K passes' estimates of consecutive frames, `fps` per second, into one estimate per
     frame.
 
-    errors: (F, K + K (K - 1) L) of the poses that `exchange_limbs` returns. Trunk and limbs are
-    chosen one by one. The `disagreement` of a limb is the distance of its end in the passes from
-    that in the result.
+    errors: (F, K) of their poses. Trunk and limbs are chosen one by one. The `disagreement` of a
+    limb is the distance of its end in the passes from that in the result.
     """
     passes, body = _Passes(estimates), estimates[0][0].body
     of_limb, limbs = limb_joints(body), limb_masks(body)
     trunk = ~np.any(of_limb, axis=0)
     trunk |= ~trunk.any()  # if the body has no joints but those of its limbs
-    own = errors[:, : len(passes.poses)]
-    whole = passes.choose(own, passes.joints[:, :, trunk])
+    whole = passes.choose(errors, passes.joints[:, :, trunk])
     agreed = passes.find_agreeing_passes(whole, trunk)
     pose, deviation = (
         average_passes(passes.poses, agreed),
         average_deviations(passes.deviations, agreed),
     )
-    by_limb = _select_limb_errors(errors, own, whole)
-
-    def reached(angles: np.ndarray, places: np.ndarray, limb: int) -> np.ndarray:
-        dofs = limbs[limb]
-        return solve_inverse_kinematics(
-            body, np.where(dofs, angles, pose), dofs, of_limb[limb], places
-        )
-
-    for limb, (joints, dofs) in enumerate(zip(of_limb, limbs, strict=True)):
-        # The limb also jumps where the trunk changes from one pass to another.
-        tried = [reached(*of, limb) for of in zip(passes.poses, passes.joints, strict=True)]
-        places = np.stack([posed_joints(body, of)[:, joints] for of in tried])
-        agreed = passes.find_agreeing_passes(passes.choose(by_limb[..., limb], places), joints)
-        mean = average_passes(passes.poses, agreed), average_passes(passes.joints, agreed)
-        pose[:, dofs] = reached(*mean, limb)[:, dofs]
+    for joints, dofs in zip(of_limb, limbs, strict=True):
+        chosen = passes.choose(errors, passes.joints[:, :, joints])
+        agreed = passes.find_agreeing_passes(chosen, joints)
+        angles, places = (average_passes(of, agreed) for of in (passes.poses, passes.joints))
+        mixed = np.where(dofs, angles, pose)
+        pose[:, dofs] = solve_inverse_kinematics(body, mixed, dofs, joints, places)[:, dofs]
         deviation[:, dofs] = average_deviations(passes.deviations, agreed)[:, dofs]
     known = np.any(~passes.lost, axis=0)
     n_smoothed = round(SMOOTHED_SECONDS * fps) | 1  # odd, as a parabola's window is
@@ -261,20 +231,6 @@ def fuse_passes(
         if known[row] else _without_disagreement(of[way])
         for row, (way, of) in enumerate(zip(whole, estimates, strict=True))
     ]  # fmt: skip
-
-
-def _select_limb_errors(errors: np.ndarray, own: np.ndarray, whole: np.ndarray) -> np.ndarray:
-    """Return the errors (F, K, L) of the chosen trunk with each limb of every pass.
-
-    errors: see `fuse_passes`. own: (F, K) errors of the passes' own poses. whole: (F,) the pass
-    that the trunk is taken from.
-    """
-    n_frames, n_passes = own.shape
-    others = ~np.eye(n_passes, dtype=bool)  # row by row, in the order of `exchange_limbs`
-    n_limbs = (errors.shape[1] - n_passes) // max(1, others.sum())
-    found = np.broadcast_to(own[..., None, None], (n_frames, n_passes, n_passes, n_limbs)).copy()
-    found[:, others] = errors[:, n_passes:].reshape(n_frames, others.sum(), n_limbs)
-    return found[np.arange(n_frames), whole]
 
 
 def smooth_poses(
