@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import os
 import re
-import signal
 import subprocess
 import threading
 from collections.abc import Callable
@@ -110,6 +108,7 @@ class Work:
             words += ["--config", str(settings)]
         self.command = [program, *words]
         self._counts: dict[Path, int] = {}
+        self._cancelled = False
         self._lines: list[str] = []
         self._progress = folder / "progress.json"
         command, environment = module_command(f"{program}.cli", words)
@@ -168,14 +167,18 @@ class Work:
         """Return what it is doing."""
         if self.ended:
             return "done" if self.succeeded else "ended early"
+        if self._cancelled:
+            return "ending ..."
         stated = StatedProgress.read(self._progress)
         left = "" if stated.left is None else f", {timedelta(seconds=round(stated.left))} left"
         return f"{stated.words or 'beginning'}{left}"
 
     def cancel(self) -> None:
-        """Interrupt it, as Ctrl-C does: it writes the frames that are tracked, and ends."""
+        """Interrupt it: it writes the frames that are tracked, and ends. Not by Ctrl-C's signal,
+        which the page, and with it the command, may have been started to ignore."""
+        self._cancelled = True
         if not self.ended:
-            self._process.send_signal(signal.SIGINT if os.name == "posix" else signal.SIGTERM)
+            self._process.terminate()
 
     def close(self) -> None:
         """Interrupt it, wait until it has ended, and remove its settings."""

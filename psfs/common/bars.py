@@ -17,7 +17,7 @@ PROGRESS = "PSFS_PROGRESS"
 
 class StatedProgress(NamedTuple):
     """What a command is doing: in words, the share of it that is done (0 to 1), and the expected
-    time that is left, s (None: not known)."""
+    time until its end, s (None: not known)."""
 
     words: str = ""
     share: float = 0.0
@@ -34,14 +34,15 @@ class StatedProgress(NamedTuple):
 class FollowedProgress(Progress):
     """Bars of which the last one is also stated in the file of the environment, if it names one.
 
-    A task's field `end` may say at which time since its beginning it is expected to end, s.
+    A task's field `end` may say at which time since its beginning the command is expected to end,
+    s.
     """
 
     def get_renderable(self) -> RenderableType:
         if (file := os.environ.get(PROGRESS)) and self.tasks:
             task = self.tasks[-1]
             end = task.fields.get("end")
-            left = task.time_remaining if end is None else max(0.0, end - (task.elapsed or 0.0))
+            left = None if end is None else max(0.0, end - (task.elapsed or 0.0))
             stated = StatedProgress(task.description, task.percentage / 100, left)
             with suppress(OSError):  # the other process has ended
                 written = Path(f"{file}.new")

@@ -1,6 +1,7 @@
 """Starting a run from the page: its settings, its flags, its process and its results."""
 
 import json
+import signal
 import threading
 import time
 from collections.abc import Iterator
@@ -221,3 +222,19 @@ def test_two_presses_start_one_run(tmp_path: Path) -> None:
         thread.join()
     assert len(started) == 1 and slot.work is started[0]
     slot.close()
+
+
+def test_command_is_cancelled(take: Path, tmp_path: Path) -> None:
+    """Also one that was started to ignore Ctrl-C, as by a shell in the background."""
+    stated = {"folders": (take,), "output": tmp_path / "out"}
+    usual = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        work = Work(TrackRequest.from_stated(Stated(stated)))
+    finally:
+        signal.signal(signal.SIGINT, usual)
+    wait_for(lambda: work.describe() != "beginning")
+    assert 0 <= work.share < 1
+    work.cancel()
+    wait_for(lambda: work.ended)
+    work.close()
+    assert not work.succeeded and work.describe() == "ended early"
