@@ -1,4 +1,4 @@
-"""Frames are paired by the times in timestamps.csv."""
+"""Frames are paired by the times in timestamps.csv, and shifted by frames of their own rate."""
 
 import shutil
 from pathlib import Path
@@ -6,11 +6,12 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from helpers import footage
 
 from cl import InputError
 from psfs.footage.layouts.uncalibrated import LAYOUT, read_uncalibrated
 from psfs.footage.settings import SequenceSettings
-from psfs.footage.timing import pair_frames, synchronise
+from psfs.footage.timing import Timing, pair_frames, synchronise
 from psfs.sequence import Sequence
 
 TIMES = {0: [1.0, 1.1, 1.2, 1.3, 1.4, 1.5], 1: [1.09, 1.21, 1.41, 1.5]}  # 1.3 was dropped
@@ -79,3 +80,18 @@ def test_the_earlier_of_two_that_are_equally_near() -> None:
     times = [np.array([0.0, 2.0, 4.0]), np.array([-1.0, 1.0, 3.0, 4.5])]
     assert pair_frames(times) == ([(0, 0), (1, 1), (2, 3)], 1.0)
     assert pair_frames([np.array([0.0]), np.array([-1.0, 0.0])]) == ([(0, 1)], 0.0)
+
+
+def test_lags_of_the_sequence_in_frames_of_each_camera(tmp_path: Path) -> None:
+    assert Timing((60.0, 30.0, 15.0)).count_own_frames([3.2, 1.3, 0.9]) == [13, 3, 1]
+    folder = footage.native(tmp_path, views=2, frames=1)
+    # The first camera has twice the rate; both show the same times, the second from 2/5 s on.
+    footage.write_video(folder / "videos" / "cam01.mp4", list(range(0, 240, 10)), 10.0)
+    footage.write_video(folder / "videos" / "cam02.mp4", list(range(40, 240, 20)), 5.0)
+    sequence = Sequence.open(folder)
+    assert sequence.fps == 5
+    shifted = sequence.synchronise({"cam01": 2})
+    assert shifted.settings.sync == {"cam01": 4}
+    images = shifted.read(1).images
+    assert images is not None
+    np.testing.assert_allclose(images.mean(axis=(1, 2, 3)), 60, atol=footage.LOSS)

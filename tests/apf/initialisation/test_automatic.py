@@ -1,16 +1,21 @@
-"""The automatic start: shapes fitted to clouds, hypotheses judged, headings told apart."""
+"""The automatic start: shapes fitted to clouds, hypotheses and the trackers that judge them."""
+
+import logging
 
 import numpy as np
 import pytest
 from helpers import bodies
 from helpers.scenes import ring
+from helpers.worlds import World
 
 from apf.body.kinematics import posed_cones, posed_joints
 from apf.body.model import BodyModel
 from apf.body.stature import lowest_point, stature
 from apf.body.toml import load_body
+from apf.filters.config import FilterConfig
 from apf.initialisation.automatic import (
     Hypothesis,
+    Trackers,
     find_start,
     forward,
     select_distinct,
@@ -179,3 +184,51 @@ def test_nobody_there() -> None:
     cloud = VoxelCloud(grid, np.arange(3, dtype=np.int32), np.ones(3, np.float32), None, 0.0)
     with pytest.raises(StartError, match=r"3 surface voxels of .* expected at least 200"):
         find_start(Scene(device, ring(), grid, SONG), [StoredVoxels(device, cloud)], 0.5)
+
+
+FEW = FilterConfig.create(n_particles=37, n_layers=1)
+
+
+def test_a_tracker_serves_the_next_body(device: Device, caplog: pytest.LogCaptureFixture) -> None:
+    """And no kernel is built for it."""
+    world = World(device)
+    scene, trackers = world.scene(), Trackers(world.scene())
+    first = trackers(scene.body, FEW)
+    first.start(world.pose(0))
+    first.step(world.voxels(0))
+    taller = scene.body.scaled(dict.fromkeys(scene.body.scale_groups, 1.2), 1.2)
+    with caplog.at_level(logging.INFO, "cl.device"):
+        assert trackers(taller, FEW) is first
+        assert first.body is taller
+        first.start(world.pose(0))
+        first.step(world.voxels(0))
+    assert not [record for record in caplog.records if "built" in record.message]
+    assert trackers(taller, FEW.with_changes(n_particles=38)) is not first
+
+
+def test_kept_voxels_are_observed_once() -> None:
+    device = Device.best(profile=True)
+    world = World(device)
+    surfaces = [world.twin(frame).surface.astype(np.int32) for frame in range(2)]
+    kept = [
+        StoredVoxels(
+            device, VoxelCloud(world.grid, indices, np.ones(len(indices), np.float32), None, 0.0)
+        )
+        for indices in surfaces
+    ]
+    tracker = Trackers(world.scene())(world.scene().body, FEW)
+    assert device.profiler is not None
+
+    def found(voxels: object) -> np.ndarray:
+        tracker.start(world.pose(0))
+        return tracker.step(voxels).pose
+
+    first = found(kept[0])
+    device.profiler.clear()
+    again = found(kept[0])
+    assert "splat" not in device.profiler.collect()
+    np.testing.assert_array_equal(first, again)
+    other = found(kept[1])
+    assert len(device.profiler.collect()["splat"]) == 1
+    assert not np.array_equal(first, other)
+    np.testing.assert_array_equal(first, found(kept[0]))

@@ -12,11 +12,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers import tracks
 
 from apf.body.kinematics import posed_joints
 from apf.body.toml import load_body, save_body
 from apf.cli import live as live_command
 from apf.cli import main
+from apf.cli.live import compare_with_truth
+from apf.evaluation.truth import load_people_truth
 from apf.filters.base import Estimate
 from apf.filters.method import Method
 from apf.formats.pose import read_pose, write_pose
@@ -425,3 +428,13 @@ def test_several_people_are_tracked_by_voxels_in_a_stated_volume(
     flags[3] = str(tmp_path / "late.npz")
     assert main(["live", str(filmed), "-o", str(out), *flags]) == 2
     assert "late.npz: holds nobody's joints in frame 0" in capfd.readouterr().err
+
+
+def test_one_is_compared_with_the_nearest(tmp_path: Any) -> None:
+    track = tracks.walker(4)
+    joints = np.stack([track.joints + np.array([x, 0, 0]) for x in (1.0, 0.01)], axis=1)
+    path = tmp_path / "truth.npz"
+    np.savez(path, joint_names=np.array(track.joint_names), joints=joints, fps=track.fps)
+    result = LiveResult(latencies=[0.0] * 4)
+    errors = compare_with_truth([track], result, load_people_truth(path))
+    assert errors["error_mm"] == pytest.approx(10, abs=0.01)

@@ -77,7 +77,7 @@ def test_the_start_is_where_the_person_stands_whole() -> None:
 
 
 def test_nobody_in_any_frame_is_an_error_of_the_start() -> None:
-    with pytest.raises(StartError, match="nobody is seen in 24 frames"):
+    with pytest.raises(StartError, match="nobody is seen in 25 frames"):
         rank_starts(session_of({range(N): block(0.1)}))
 
 

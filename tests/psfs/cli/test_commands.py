@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 import pytest
 import trimesh
-from helpers import scenes
+from helpers import faults
 
 import psfs.cli.reconstruct as command
 from psfs.cli import main
@@ -20,29 +20,7 @@ FRAMES = 4
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A native folder of five cameras; the body is there in all frames but the first."""
-    path = tmp_path_factory.mktemp("walk")
-    rig = scenes.ring(5, size=(160, 120))
-    masks = scenes.masks_of(rig)
-    lines = []
-    for camera, mask in zip(rig, masks, strict=True):
-        rotation = cv2.Rodrigues(camera.R)[0].ravel().tolist()
-        lines += [
-            f"[{camera.name}]",
-            f'name = "{camera.name}"',
-            f"size = {list(map(float, camera.size))}",
-            f"matrix = {camera.K.tolist()}",
-            f"distortions = {camera.distortion[:4].tolist()}",
-            f"rotation = {rotation}",
-            f"translation = {camera.t.tolist()}",
-            "fisheye = false",
-        ]
-        target = path / "masks" / camera.name
-        target.mkdir(parents=True)
-        for frame in range(FRAMES):
-            picture = mask[: camera.size[1], : camera.size[0]] * np.uint8(frame > 0)
-            cv2.imwrite(str(target / f"{frame:04d}.png"), picture)
-    (path / "calibration.toml").write_text("\n".join(lines) + "\n")
-    return path
+    return faults.masks_folder(tmp_path_factory.mktemp("walk"), FRAMES)
 
 
 def reconstruct(folder: Path, out: Path, *flags: str) -> int:

@@ -1,4 +1,4 @@
-"""What the diagnostics take out of small pictures."""
+"""What the diagnostics take out of small pictures, and what each camera sees of the person."""
 
 import cv2
 import numpy as np
@@ -7,7 +7,8 @@ from helpers import scenes
 
 from cl import Device
 from psfs.backend import make_evidence_function, make_evidence_pipeline
-from psfs.diagnostics.small_views import extract_outline
+from psfs.diagnostics.person_in_view import find_person_in_views
+from psfs.diagnostics.small_views import SmallViews, extract_outline
 from psfs.sequence import Frame
 from psfs.silhouettes.config import SilhouetteConfig
 
@@ -58,3 +59,35 @@ def test_evidence_of_one_frame_ahead(device: Device) -> None:
         begun = begin(frame)
         np.testing.assert_array_equal(before(), now(frames[number]))
         before = begun
+
+
+def draw_person(x: int, y: int, there: bool = True) -> np.ndarray:
+    mask = np.zeros((120, 160), bool)
+    if there:
+        mask[max(0, y) : y + 60, max(0, x) : x + 20] = True
+    return mask
+
+
+def make_views() -> SmallViews:
+    """Ten frames of three cameras: one sees all, one half of it, one the person without feet."""
+    frames = [
+        [draw_person(40 + 2 * k, 30), draw_person(60, 30, k < 5), draw_person(60, 90)]
+        for k in range(10)
+    ]
+    outlines = [[extract_outline(mask) for mask in row] for row in frames]
+    share = np.ones((10, 3))
+    empty = np.zeros((0, 3, 120, 160))
+    return SmallViews(
+        scenes.ring(3, (160, 120)), range(10), outlines, share, share, share, None,
+        np.zeros(0, int), empty > 0, None,
+    )  # fmt: skip
+
+
+def test_cameras_that_see_too_little_are_told_what_to_do() -> None:
+    views = make_views()
+    whole, half, cut = find_person_in_views(views.rig, views.outlines, 2.0)
+    assert (whole.seen, whole.whole, whole.height) == (1, 1, 120) and not whole.describe()
+    assert half.seen == 0.5 and "in 50% of the frames: turn it" in half.describe()
+    assert cut.whole == 0 and "beyond the picture's bottom" in cut.describe()
+    small = find_person_in_views(views.rig, views.outlines, 1.0)[0]
+    assert "a person of 60 px" in small.describe()

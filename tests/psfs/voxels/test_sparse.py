@@ -1,5 +1,4 @@
-"""Voxels in the bricks that can be occupied on every OpenCL device against the NumPy twin, over
-awkward inputs."""
+"""Voxels in the bricks that can be occupied, and their surface: kernels against the twin."""
 
 from dataclasses import replace
 
@@ -11,12 +10,14 @@ from scipy import ndimage
 from cl import Device, InputError
 from psfs.cameras.camera import CameraRig
 from psfs.reconstructor import Reconstructor
-from psfs.reference.surface import occupancy, smooth, surface_voxels
+from psfs.reference.surface import mean_position, occupancy, smooth, surface_voxels
 from psfs.voxels import sparse
 from psfs.voxels.bricks import Bricks
 from psfs.voxels.config import OccupancyConfig
 from psfs.voxels.grid import VoxelGrid
+from psfs.voxels.moving_grid import SAMPLES, MeanPosition
 from psfs.voxels.sparse import SparseSurface
+from psfs.voxels.surface import SurfaceList
 
 STEP = 0.05
 
@@ -198,3 +199,38 @@ def test_a_grid_beyond_32_bits_is_refused(device: Device) -> None:
     grid = VoxelGrid(np.zeros(3), 1e-6, (2000, 2000, 2000))
     with pytest.raises(InputError, match="8,000,000,000 voxels"):
         Bricks(device, scenes.ring(1), grid, device.empty(1, np.int8), STEP)
+
+
+SHAPES = [(1, 1, 1), (1, 7, 3), (17, 1, 33), (40, 23, 31), (9, 64, 65), (5, 6, 16), (4, 3, 32)]
+
+
+@pytest.mark.parity("reconstruction/surface.count_slabs", "reconstruction/surface.list_surface")
+@pytest.mark.parametrize("closed", [False, True])
+@pytest.mark.parametrize("shape", SHAPES)
+def test_agrees_with_the_twin(device: Device, shape: tuple[int, int, int], closed: bool) -> None:
+    occupied = np.random.default_rng(1).random(shape) < 0.9
+    along = np.pad(occupied, ((0, 0), (0, 0), (0, -shape[2] % 16)))
+    bits = np.packbits(along, axis=-1, bitorder="little").view("<u2")
+    found = SurfaceList(device, shape, device.to_device(bits), closed)
+    found()
+    expected = surface_voxels(occupied, closed)
+    assert found.count.get()[0] == len(expected)
+    assert found.occupied.get()[0] == occupied.sum()
+    np.testing.assert_array_equal(found.indices.get(len(expected)), expected)
+
+
+@pytest.mark.parity("reconstruction/surface.mean_position")
+@pytest.mark.parametrize("shape", [*SHAPES, (60, 50, 40)])
+@pytest.mark.parametrize("share", [0.0, 0.1, 0.7])
+def test_the_mean_position_agrees_with_the_twin(
+    device: Device, shape: tuple[int, int, int], share: float
+) -> None:
+    occupied = np.random.default_rng(3).random(shape) < share
+    indices = surface_voxels(occupied)
+    listed = device.to_device(indices if len(indices) else np.zeros(1, np.int32))
+    count = device.to_device(np.array([len(indices)], np.int32))
+    found = MeanPosition(device, shape, listed, count)()
+    expected = mean_position(indices, shape, SAMPLES)
+    assert (found is None) == (expected is None)
+    if found is not None and expected is not None:
+        np.testing.assert_allclose(found, expected, rtol=1e-5)
