@@ -101,12 +101,15 @@ def find_hidden_in_box(
     space = CoarseSpace(rig, grid, OccupancyConfig().seeing_cameras(len(rig)))
     space.keep(_count(reduce(np.maximum, evidence) > 0, space.pixels) >= min(_LEAST_SHARES))
     hidden = np.zeros_like(evidence[0], bool)
+    seeing = map_in_threads(lambda maps: _count(maps > 0, space.pixels), evidence)
+    frames = list(zip(evidence, seeing, strict=True))
     for agreeing, least_share in _LEAST_SHARES.items():
-        denied, confirmed = np.zeros((2, *hidden.shape), np.int16)
-        judge = partial(_judge, space, margin, agreeing, hidden)
-        for confirms, denies in map_in_threads(judge, evidence):
-            denied += denies
-            confirmed += confirms
+        denied, confirmed = np.zeros((2, *hidden.shape), np.uint8)
+        judge = partial(_judge, space, margin, agreeing, hidden if hidden.any() else None)
+        for confirms, denies in map_in_threads(judge, frames):
+            confirmed += _bytes(confirms)
+            if denies is not None:
+                denied += _bytes(denies)
         enough = denied >= np.maximum(_LEAST_FRAMES, least_share * (denied + confirmed))
         enough &= confirmed.any((1, 2))[:, None, None]  # else the camera shows nobody
         square = np.ones((_GAP, _GAP), np.uint8)
@@ -116,15 +119,22 @@ def find_hidden_in_box(
 
 
 def _judge(
-    space: CoarseSpace, margin: int, agreeing: int, hidden: np.ndarray, evidence: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+    space: CoarseSpace,
+    margin: int,
+    agreeing: int,
+    hidden: np.ndarray | None,
+    frame: tuple[np.ndarray, np.ndarray],
+) -> tuple[np.ndarray, np.ndarray | None]:
     """Return the pixels (V, H, W) bool that confirm, in a frame, what the other cameras see in the
-    voxels of a space, and those that deny it. margin: as of `find_hidden_in_box`. agreeing: least
-    number of cameras with unexplained foreground. hidden: (V, H, W) bool, pixels known to be hidden
-    already, which deny nothing."""
+    voxels of a space, and those that deny it, None without any. margin: as of `find_hidden_in_box`.
+    agreeing: least number of cameras with unexplained foreground. hidden: (V, H, W) bool, pixels
+    known to be hidden already, which deny nothing. frame: its evidence maps, and the number of
+    cameras that show foreground in each voxel."""
+    evidence, seeing = frame
     shown = evidence > 0
-    evidence = np.where(hidden & ~shown, np.int8(0), evidence)
-    rows = np.flatnonzero(_count(shown, space.pixels) >= agreeing)
+    if hidden is not None:
+        evidence = np.where(hidden & ~shown, np.int8(0), evidence)
+    rows = np.flatnonzero(seeing >= agreeing)
     pixels = space.pixels[:, rows]
     counts = look_up(evidence, pixels)
     occupied, against = counts.sum(0, dtype=np.int16) > 0, counts < 0
@@ -133,8 +143,9 @@ def _judge(
     )
     rest, square = shown & ~explained, np.ones((3, 3), np.uint8)
     lonely = np.stack([cv2.erode(own, square) for own in _bytes(rest)]) > 0
-    denied = np.zeros_like(shown)
+    denied = None
     if lonely.any((1, 2)).sum() >= agreeing:
+        denied = np.zeros_like(shown)
         n_against, n_for = against.sum(0), (counts > 0).sum(0)
         amiss = (_count(lonely, pixels) >= agreeing) & (n_against <= _DENYING)
         amiss &= ~occupied & (n_for >= n_against)

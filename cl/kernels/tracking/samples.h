@@ -58,6 +58,12 @@ INLINED void outline_edges(__local const vfloat *corners, __local vfloat *edges)
     }
 }
 
+// Positive on the inner side of an edge.
+INLINED vfloat on_side(__local const vfloat *edge, float2 pixel)
+{
+    return edge[0] * pixel.x + (edge[1] * pixel.y + edge[2]);
+}
+
 // Adds the k-th of the surface samples. edges: of all cones.
 INLINED void take_shown(surface_samples shown, int k, __local const vfloat *edges, samples *sums)
 {
@@ -67,10 +73,9 @@ INLINED void take_shown(surface_samples shown, int k, __local const vfloat *edge
     vfloat covered = 0.0f;
     const vint one = 1;
     for (int c = 0; c < N_CONES; ++c, edges += EDGE_FLOATS) {
-        vfloat inner = edges[0] * pixel.x + (edges[1] * pixel.y + edges[2]);
-        for (int i = 3; i < EDGE_FLOATS; i += 3)
-            inner = least(inner, edges[i] * pixel.x + (edges[i + 1] * pixel.y + edges[i + 2]));
-        covered = most(covered, inner);
+        const vfloat ends = least(on_side(edges, pixel), on_side(edges + 6, pixel));
+        const vfloat sides = least(on_side(edges + 3, pixel), on_side(edges + 9, pixel));
+        covered = most(covered, least(ends, sides));
     }
     sums->uncovered += covered > 0.0f ? 0 : one;
     sums->n_shown += 1;
