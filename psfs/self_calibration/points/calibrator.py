@@ -87,10 +87,9 @@ def calibrate_by_points(
     if segments:
         rigid = Segments(np.array(segments), keypoints.shape[2])
     observations = replace(_observe(seen, lags, frames), segments=rigid)
-    scenes = place_cameras(plain, observations, noise)
-    if not scenes:
+    scene = place_cameras(plain, observations, noise)
+    if scene is None:
         raise InputError(f"no arrangement of the cameras fits the keypoints; {FILM}")
-    scene = min(scenes, key=lambda of: _total_error(of, observations))
     scene, lags = _adjust(scene, observations, seen, lags, frames, noise, config.focal)
     return _finish(cameras, scene, seen, lags, frames, config)
 
@@ -142,11 +141,6 @@ def _measure_speeds(points: np.ndarray, lag: int) -> np.ndarray:
     known = np.isfinite(np.stack(apart)).any(axis=0)
     filled = np.where(known, apart, 0.0)
     return np.nanmedian(filled, axis=0)
-
-
-def _total_error(scene: PointScene, observations: PointObservations) -> float:
-    points = triangulate_rays(scene.cameras, observations.pixels)
-    return float(np.nanmedian(measure_errors(replace(scene, points=points), observations)))
 
 
 def _adjust(

@@ -30,15 +30,15 @@ from psfs.self_calibration.points.bundle import (
 _SURE, _TRIALS, GATE = 0.9999, 2000, 3.0
 #: Fewest keypoints that two neighbouring cameras must share.
 FEWEST = 60
-#: Least median angle between the rays of the two cameras that are placed first, degrees; pairs of
-#: cameras from which a start is tried.
-_PARALLAX, _STARTS = 4.0, 4
+#: Least median angle between the rays of the two cameras that are placed first, degrees.
+_PARALLAX = 4.0
 
 
 def place_cameras(
     cameras: Sequence[Camera], observations: PointObservations, noise: float
-) -> list[PointScene]:
-    """Return the scenes from each of the best first pairs of cameras, those that place all.
+) -> PointScene | None:
+    """Return the scene from the best first pair of cameras from which all can be placed; None if
+    there is none.
 
     noise: standard deviation of a keypoint, px.
     """
@@ -48,8 +48,8 @@ def place_cameras(
         if placed is not None:
             pairs.append((placed[0], pair, placed[1]))
     pairs.sort(key=lambda of: -of[0])
-    scenes = [_place_others(scene, observations, pair, noise) for _, pair, scene in pairs[:_STARTS]]
-    return [scene for scene in scenes if scene is not None]
+    scenes = (_place_others(scene, observations, pair, noise) for _, pair, scene in pairs)
+    return next((scene for scene in scenes if scene is not None), None)
 
 
 def _place_pair(
