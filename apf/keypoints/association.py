@@ -22,7 +22,7 @@ from psfs.cameras.triangulation import (
     triangulate,
     undistort_points,
 )
-from psfs.common.numbers import find_best_path, match_pairs
+from psfs.common.numbers import STEP_SECONDS, find_best_path, match_pairs
 from psfs.people.following import SPEED
 from psfs.people.people import People, Person
 from psfs.voxels.grid import VoxelGrid
@@ -35,8 +35,6 @@ _LEAST_POINTS = 5
 #: Distance, m, of the mean of a person's keypoints from the middle of somebody's voxels up to which
 #: both may be of one person.
 _FROM_VOXELS = 0.6
-#: Time, s, for which somebody must be seen to count, and is followed while not seen.
-LASTING = 0.5
 
 
 @dataclass(eq=False)
@@ -70,7 +68,7 @@ def associate_people(
     for frame in range(points.shape[1]):
         search.step(frame)
     people = sorted(search.people, key=lambda person: len(person.chosen), reverse=True)
-    least = LASTING * fps
+    least = STEP_SECONDS * fps
     least = max(1, min(least, points.shape[1]))
     lasting = [person for person in people if len(person.chosen) >= least]
     return [_pick(points, person) for person in lasting[:number]]
@@ -163,7 +161,7 @@ class _Search:
     def step(self, frame: int) -> None:
         """Assign the persons of the next frame."""
         free = self.there[:, frame].copy()
-        going = [one for one in self.people if frame - one.last <= LASTING * self.fps]
+        going = [one for one in self.people if frame - one.last <= STEP_SECONDS * self.fps]
         chosen = np.full((len(going), len(self.rig)), -1)
         for view in range(len(self.rig)):
             costs = np.array([self._away(one.points, view, frame) for one in going])

@@ -9,7 +9,7 @@ from typing import Literal
 
 import numpy as np
 
-from apf.keypoints.association import LASTING, associate_people, count_at_once
+from apf.keypoints.association import associate_people, count_at_once
 from apf.keypoints.opening import Cameras, match_keypoints, match_persons, read_raw
 from apf.keypoints.readers.raw import check_view
 from cl import InputError
@@ -21,6 +21,7 @@ from psfs.cameras.triangulation import (
     triangulate,
     undistort_points,
 )
+from psfs.common.numbers import STEP_SECONDS
 from psfs.sequence import Sequence as Footage
 
 __all__ = ["Keypoints", "Triangulation", "TriangulationConfig", "triangulate"]
@@ -93,7 +94,7 @@ class Keypoints:
         most = None if number == "auto" else number
         people = associate_people(points, sequence.rig, sequence.fps, most)
         if number == "auto":
-            most = count_at_once(people, LASTING * sequence.fps)
+            most = count_at_once(people, STEP_SECONDS * sequence.fps)
             if 0 < most < len(people):
                 people = associate_people(points, sequence.rig, sequence.fps, most)
         if not people:

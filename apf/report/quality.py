@@ -25,14 +25,13 @@ from apf.body.model import plain_name
 from apf.report.agreement import VOXEL_FAR, Agreement, choose_rows, find_parts
 from apf.tracking.correction import list_corrections
 from apf.tracking.limb_confidence import (
-    LEAST_SECONDS,
     LOST,
     LOST_LIMB,
     SAME_PLACE,
     lasts_long_enough,
 )
 from apf.tracking.track import Track, spans
-from psfs.common.numbers import json_number, mean_known
+from psfs.common.numbers import STEP_SECONDS, json_number, mean_known
 from psfs.common.ranges import NAMED
 
 #: A part with less confidence should be checked; a limb counts as lost below it, too.
@@ -225,7 +224,7 @@ class Quality:
             looks = "was not compared with the silhouettes"
         elif self.verdict == "unknown":
             looks = (
-                f"lasts for less than {LEAST_SECONDS:g} s, too short to say whether its "
+                f"lasts for less than {STEP_SECONDS:g} s, too short to say whether its "
                 "limbs are right"
             )
         if np.isfinite(self.expected_error):

@@ -24,6 +24,7 @@ import scipy
 from apf.body.kinematics import posed_joints
 from apf.body.limbs import limb_ends
 from apf.body.model import BodyModel
+from psfs.common.numbers import STEP_SECONDS
 
 #: Confidence below which a limb counts as lost: even odds.
 LOST = 0.5
@@ -32,9 +33,6 @@ SAME_PLACE = 0.15
 #: A limb counts as lost if its end is farther than this, m, from the truth for long, see
 #: `apf.evaluation.evaluate`.
 LOST_LIMB = 0.200
-#: Time, s, that a track must last for its limbs to be judged: the passes over a shorter one all
-#: begin at nearly the same pose, and agree on it even if it is wrong.
-LEAST_SECONDS = 0.5
 #: Least distance, m, between passes; smaller ones carry no more information.
 LEAST_DISTANCE = 0.02
 #: Log-odds after one pass, and after several: constant, coefficients of the root of the margin, of
@@ -46,11 +44,12 @@ _MOST_MARGIN, _REST_SPEED, _WINDOW = 0.3, 0.5, 0.4
 
 
 def lasts_long_enough(times: np.ndarray) -> bool:
-    """Return whether frames at `times` (F,) s last for `LEAST_SECONDS`."""
+    """Return whether frames at `times` (F,) s last long enough for limbs to be judged: the passes
+    over fewer all begin at nearly the same pose, and agree on it even if it is wrong."""
     if len(times) < 2:
         return False
     step = float(np.median(np.diff(times)))
-    return bool(times[-1] - times[0] + step >= LEAST_SECONDS - 1e-9)
+    return bool(times[-1] - times[0] + step >= STEP_SECONDS - 1e-9)
 
 
 def limb_margins(
@@ -83,7 +82,7 @@ def limb_confidence(
     disagreement: np.ndarray | None = None,
 ) -> np.ndarray:
     """Return the probability (F, L) that each limb is right; NaN where nothing is known, and
-    everywhere if the frames last for less than `LEAST_SECONDS`.
+    everywhere if the frames do not last long enough.
 
     margins: (F, L), see `limb_margins`. ends: (F, L, 3) m, the limbs' ends at `times` (F,) s.
     disagreement: (F, L) m, geometric mean of the distances between the ends in the track and in the

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from psfs.backend import make_evidence_pipeline
-from psfs.common.numbers import select_span
+from psfs.common.numbers import STEP_SECONDS, select_span
 from psfs.common.progress import map_in_threads
 from psfs.diagnostics.small_views import Shrink, compute_ahead
 from psfs.people.coarse_voxels import CoarseFrame, CoarseVoxels
@@ -37,9 +37,8 @@ from psfs.voxels.body_prior import TrackedBody
 from psfs.voxels.grid import VoxelGrid
 
 #: Longest side, px, of the pictures that people are counted in; frames per second in which they are
-#: counted and their colours compared, and twice as many in which they are followed; and the time,
-#: s, for which somebody must be seen to count.
-_LONGEST_SIDE, _RATE, _LEAST_SECONDS = 480, 5.0, 0.5
+#: counted and their colours compared, and twice as many in which they are followed.
+_LONGEST_SIDE, _RATE = 480, 5.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -245,7 +244,7 @@ class _Search:
         """Return the people in frames: `number` of them, if that is known."""
         grid, fps = self.space.grid, self.session.sequence.fps
         everything = follow(frames, grid, self.rate, number)
-        lasting = min(_LEAST_SECONDS * self.rate, len(frames) / 2)
+        lasting = min(STEP_SECONDS * self.rate, len(frames) / 2)
         found = [one for one in everything if len(one.voxels) >= max(2, lasting / 2)] or everything
         if len(found) < 2:
             return People(self.frames, grid, tuple(map(self._person, found)))
