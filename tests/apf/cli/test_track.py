@@ -107,7 +107,7 @@ def test_several_seeds_at_once(
 
 def test_nothing_but_the_folder(walk: Path, tmp_path: Path) -> None:
     """Started by itself."""
-    few = ["--frames", "0:4", "--particles", "60", "--layers", "5", "--voxel-size", "0.03"]
+    few = ["--frames", "0:4", "--particles", "60", "--layers", "5", "--voxel-size", "0.04"]
     plain = [*few, "--no-overlay", "--no-report", "-o"]
     assert main(["track", str(walk), *plain, str(tmp_path / "a")]) == 0
     found, truth = Track.open(tmp_path / "a"), load_truth(walk / "truth.npz")

@@ -13,12 +13,15 @@ import psutil
 import pytest
 from helpers.tasks import die_until, double, hang, interrupted, raise_until, wait_for_stop
 
+from apf.body.toml import save_body
 from apf.cli import main
 from apf.cluster.connection import DaskPool, connect_cluster
 from apf.cluster.pool import Task
 from apf.cluster.processes import Processes
 from apf.cluster.task_side import Progress, TaskStopped
 from apf.cluster.workers import Share, share_machine
+from apf.formats.pose import write_pose
+from apf.takes.start import read_given_start
 from apf.tracking.track import Track
 from cl import InputError
 from psfs.common.system import list_own_cores
@@ -43,6 +46,17 @@ def processes() -> Iterator[Processes]:
     """Yield two workers of this machine, both pinned to the first core."""
     with Processes([Share("cpu", tuple(list_own_cores()[:1]))] * 2) as pool:
         yield pool
+
+
+@pytest.fixture(scope="module")
+def start(small_walk: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with the body and the first pose of the walk, fitted once for all takes."""
+    found = read_given_start(small_walk, 0, None, small_walk / "truth.npz", "y-up")
+    assert found is not None
+    folder = tmp_path_factory.mktemp("start")
+    save_body(folder / "body.toml", found[0])
+    write_pose(folder / "start.txt", found[1], found[0])
+    return folder
 
 
 def test_nothing_listens(processes: Processes) -> None:
@@ -126,7 +140,12 @@ def test_stopped_takes_write_what_they_have(processes: Processes, tmp_path: Path
 
 @pytest.mark.parametrize("where", ["processes", "client"])
 def test_the_command(
-    where: str, small_walk: Path, tmp_path: Path, request: pytest.FixtureRequest, capfd: Any
+    where: str,
+    small_walk: Path,
+    start: Path,
+    tmp_path: Path,
+    request: pytest.FixtureRequest,
+    capfd: Any,
 ) -> None:
     """Takes of a list on workers, here or of a cluster: as `apf track` has them; a bad one stops
     none; a second call does what is left."""
@@ -142,7 +161,8 @@ def test_the_command(
         all-cameras = true
         no_overlay = true
         no_report = true
-        init = "{small_walk / "truth.npz"}"
+        body = "{start / "body.toml"}"
+        init = "{start / "start.txt"}"
         [[take]]
         folder = "bad"
         [[take]]
@@ -165,8 +185,8 @@ def test_the_command(
         return
 
     flags = ["--particles", "40", "--layers", "3", "--voxel-size", "0.06", "--all-cameras"]
-    flags += ["--one-way", "--frames", "0:2", "--init", str(small_walk / "truth.npz")]
-    flags += ["--no-overlay", "--no-report"]
+    flags += ["--one-way", "--frames", "0:2", "--no-overlay", "--no-report"]
+    flags += ["--body", str(start / "body.toml"), "--init", str(start / "start.txt")]
     assert main(["track", str(small_walk), "-o", str(tmp_path / "alone"), *flags]) == 0
     alone, mine = Track.open(tmp_path / "alone"), Track.open(out / small_walk.name)
     assert mine.poses.tobytes() == alone.poses.tobytes()

@@ -24,7 +24,7 @@ PARTS = ("rymut31_lower", "rymut31_upper")
 #: A small search: these voxels are exact, and the heading is clear.
 FAST = StartConfig(
     n_headings=4,
-    n_kept=2,
+    n_kept=1,
     filter=StartConfig().filter.with_changes(n_particles=100),
 )
 
