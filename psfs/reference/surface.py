@@ -8,7 +8,7 @@ import numpy as np
 
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.footprints import pixel_boxes, voxel_footprints
-from psfs.silhouettes.hidden import UNKNOWN
+from psfs.silhouettes.hidden import HIDDEN, UNKNOWN
 from psfs.voxels.colour import TOLERANCE
 from psfs.voxels.config import OccupancyConfig
 from psfs.voxels.grid import VoxelGrid
@@ -75,8 +75,8 @@ def occupancy(
 ) -> np.ndarray:
     """Return P(V = 1) of the padded grid (nx + 2, ny + 2, nz + 2) by evidence counts (V, H, W).
 
-    A camera in which something stands before a voxel (`UNKNOWN`) does not see it. body: the counts
-    (N,) that a tracked body adds to voxels at points (N, 3); the sum is limited as the table is.
+    A camera from which something hides a voxel (`UNKNOWN`) adds `HIDDEN`. body: the counts (N,)
+    that a tracked body adds to voxels at points (N, 3); the sum is limited as the table is.
     """
     padded = padded_grid(grid)
     centres = padded.centres()
@@ -85,9 +85,8 @@ def occupancy(
     for camera, counts in zip(rig, evidence, strict=True):
         inside, row, column, _ = camera.look_up(centres)
         seen = counts[row, column]
-        known = seen != UNKNOWN
-        total[inside] += np.where(known, seen, 0)
-        seeing[inside] += known
+        total[inside] += np.where(seen == UNKNOWN, HIDDEN, seen)
+        seeing += inside
     if body is not None:
         total = np.clip(total + body(centres), -127 * len(rig), 127 * len(rig))
     log_odds = np.log(config.prior / (1 - config.prior)) + total * step

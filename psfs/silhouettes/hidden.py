@@ -8,6 +8,10 @@ from cl import Array, Device, Launch
 from psfs.background.config import UNKNOWN as UNKNOWN
 from psfs.common.edge_distance import LOT
 
+#: Counts that `UNKNOWN` evidence adds to a voxel: the least there are. Two cameras that show a
+#: person outweigh those from which the place is hidden, one alone does not.
+HIDDEN = -1
+
 
 def hide_launch(device: Device, hidden: np.ndarray, evidence: Array) -> Launch:
     """Return the launch that sets the evidence (V, H, W) int8 to `UNKNOWN` at hidden (V, H, W) bool

@@ -11,7 +11,7 @@ from cl.signature import Argument
 from cl.workgroups import size_defines
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.distortion import distort, distortion_jacobian
-from psfs.silhouettes.hidden import UNKNOWN
+from psfs.silhouettes.hidden import HIDDEN, UNKNOWN
 from psfs.voxels.config import OccupancyConfig
 from psfs.voxels.grid import VoxelGrid, check_size
 
@@ -61,7 +61,8 @@ class Bricks:
             "min_cameras": config.seeing_cameras(views),
         }
         sizes = size_defines(device, rig.picture, grid.shape)
-        tiles: dict[str, Define] = {"FINE": TILE, "COARSE": COARSE_TILE, "UNKNOWN": UNKNOWN}
+        tiles: dict[str, Define] = {"FINE": TILE, "COARSE": COARSE_TILE}
+        tiles |= {"UNKNOWN": UNKNOWN, "HIDDEN": HIDDEN}
         self.defines: dict[str, Define] = {
             **sizes,
             **_camera_defines(device, views),

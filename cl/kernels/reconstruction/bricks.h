@@ -1,8 +1,9 @@
 // What a camera can say about a whole box of voxels, from the extremes of its evidence in tiles of
-// pixels. Defines: FINE and COARSE, the edges of tiles, px.
+// pixels. Defines: FINE and COARSE, the edges of tiles, px; UNKNOWN, see hidden.cl; HIDDEN, what such
+// evidence adds.
 // Counterpart: psfs/voxels/bricks.py.
-#if !defined(COARSE) || !defined(FINE)
-#error "reconstruction/bricks.h needs COARSE and FINE"
+#if !defined(COARSE) || !defined(FINE) || !defined(HIDDEN) || !defined(UNKNOWN)
+#error "reconstruction/bricks.h needs COARSE, FINE, HIDDEN and UNKNOWN"
 #endif
 #include "common/camera.h"
 #include "common/sizes.h"
@@ -21,6 +22,9 @@
 // 5 a larger radius; 6 largest radius that has an image at all.
 // Slack for float rounding, px.
 #define SLACK 1.0f
+
+// What a pixel's evidence adds to a voxel.
+static inline int known_counts(int counts) { return counts == UNKNOWN ? HIDDEN : counts; }
 
 // The evidence that a camera adds to any point of a box lies between low and high; seen: 0 by
 // none of its points, 1 by some, 2 by all.

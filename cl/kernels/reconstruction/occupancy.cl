@@ -1,5 +1,5 @@
 // Voxel occupancy, Song et al. eq. (3)-(9), brick by brick; twin: psfs/reference/surface.py.
-// Defines: CAMERA_ROOM, most cameras; FACES (see smoothing.h), UNKNOWN (see hidden.cl); BX BY BZ
+// Defines: CAMERA_ROOM, most cameras; FACES (see smoothing.h), those of bricks.h; BX BY BZ
 // voxels of a brick, CX CY CZ bricks of a coarse one; LANES items per work-group, LANES_Z of them
 // along z; NO_DISTORTION if no camera has any; BODY: whether a tracked body is a
 // prior (see body_prior.h). The number of cameras is an argument, for GPUs N_CAMERAS as well, see
@@ -12,8 +12,8 @@
 #if !defined(BODY) || !defined(BX) || !defined(BY) || !defined(BZ) || !defined(CAMERA_FLOATS) || \
     !defined(CAMERA_ROOM) || !defined(CX) || !defined(CY) || !defined(CZ) || \
     !defined(FIND_LANES) || !defined(LANES) || !defined(LANES_Z) || \
-    !defined(REACH_FLOATS) || !defined(UNKNOWN)
-#error "reconstruction/occupancy.cl needs BODY, BX, BY, BZ, CAMERA_FLOATS, CAMERA_ROOM, CX, CY, CZ, FIND_LANES, LANES, LANES_Z, REACH_FLOATS and UNKNOWN"
+    !defined(REACH_FLOATS)
+#error "reconstruction/occupancy.cl needs BODY, BX, BY, BZ, CAMERA_FLOATS, CAMERA_ROOM, CX, CY, CZ, FIND_LANES, LANES, LANES_Z and REACH_FLOATS"
 #endif
 #include "common/lanes.h"
 #include "reconstruction/body_prior.h"
@@ -32,7 +32,7 @@
 #define DZ (BZ + 2)
 #define ROWS (DX * DY)
 #define BRICK_VOXELS (BX * BY * BZ)
-// A voxel's sum of evidence counts and, above it, the number of cameras that see it.
+// A voxel's sum of evidence counts and, above it, the number of pictures that it is in.
 #define SEEN 65536
 #define FOR_ROWS(row, n) for (int row = lane / LANES_Z; row < (n); row += LANES / LANES_Z)
 #define FOR_Z(z, n) for (int z = lane % LANES_Z; z < (n); z += LANES_Z)
@@ -80,8 +80,7 @@ static inline void sum_evidence(int2 picture, int n_cameras, __global const floa
                 camera_project(camera, px, py, centre_of(geometry, 2, z0 + z), &pixel);
                 const int at = camera_offset(camera, pixel, WIDTH);
                 const int counts = map[at >= 0 ? at : 0];
-                const bool seen = at >= 0 && counts != UNKNOWN;
-                sums[row * DZ + z] += seen ? counts + SEEN : 0;
+                sums[row * DZ + z] += at >= 0 ? known_counts(counts) + SEEN : 0;
             }
         }
     }

@@ -1,14 +1,12 @@
 // Least and greatest evidence in tiles of pixels; twin: tests/psfs/voxels/test_sparse.py. Defines:
-// those of bricks.h, LANES items per work-group, UNKNOWN (see hidden.cl).
-#if !defined(LANES) || !defined(UNKNOWN)
-#error "reconstruction/tiles.cl needs LANES and UNKNOWN"
+// those of bricks.h, LANES items per work-group.
+#if !defined(LANES)
+#error "reconstruction/tiles.cl needs LANES"
 #endif
 #include "common/lanes.h"
 #include "reconstruction/bricks.h"
 
-// Least and greatest evidence of the tiles, one work-group per coarse tile. Unknown evidence, of
-// cameras that count as not seeing a voxel, is the least there is and adds 0: a tile that has some
-// and more is never the same all over. Resets n_active.
+// Least and greatest evidence of the tiles, one work-group per coarse tile. Resets n_active.
 __kernel void evidence_tiles(int2 picture, __global const char *restrict evidence,
                              __global char2 *restrict tiles,
                              __global int *restrict n_active)
@@ -30,10 +28,9 @@ __kernel void evidence_tiles(int2 picture, __global const char *restrict evidenc
             for (int i = 0; i < FINE; ++i) {
                 const int at = x * FINE + i;
                 // Columns beyond the picture repeat its last one.
-                const char value = map[j * WIDTH + (at < WIDTH ? at : WIDTH - 1)];
+                const char value = known_counts(map[j * WIDTH + (at < WIDTH ? at : WIDTH - 1)]);
                 low[i] = value < low[i] ? value : low[i];
-                const char most = value == UNKNOWN ? 0 : value;
-                high[i] = most > high[i] ? most : high[i];
+                high[i] = value > high[i] ? value : high[i];
             }
         for (int i = 1; i < FINE; ++i) {
             low[0] = low[i] < low[0] ? low[i] : low[0];
