@@ -122,6 +122,11 @@ const steps = page.frames.slice(1).map((frame, i) => frame - page.frames[i]).sor
 const rate = Math.max(1, page.fps / Math.max(1, steps.length ? steps[steps.length >> 1] : 1));
 if (page.video) {
   film.src = URL.createObjectURL(new Blob([bytes(page.video)], { type: "video/mp4" }));
+  film.onloadedmetadata = () => {  // pictures in one row are seen in the whole width
+    if (film.videoWidth <= 2 * film.videoHeight) return;
+    document.querySelector(".views").classList.add("alone");
+    dispatchEvent(new Event("resize"));  // for the 3-D view
+  };
   listeners.push((at) => { if (film.paused) film.currentTime = (at + 0.5) / rate; });
 } else {
   byId("film").remove();
