@@ -38,5 +38,8 @@ def original(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def stock(original: Path, tmp_path: Path) -> Path:
-    return Path(shutil.copytree(original, tmp_path / "stock"))
+def stock(original: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A copy, which is the folder one is in."""
+    folder = Path(shutil.copytree(original, tmp_path / "stock"))
+    monkeypatch.chdir(folder)
+    return folder

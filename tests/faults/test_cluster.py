@@ -22,12 +22,6 @@ from psfs.common.system import defer_interrupts
 needs_signals = pytest.mark.skipif(os.name != "posix", reason="sends signals")
 
 
-@pytest.fixture
-def stock(stock: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.chdir(stock)
-    return stock
-
-
 @pytest.mark.parametrize("line", ["output='/elsewhere'", "log_file='/elsewhere'", "quiet=true"])
 def test_flags_of_a_whole_batch_in_a_take(tmp_path: Path, line: str) -> None:
     takes = tmp_path / "list.toml"

@@ -171,8 +171,7 @@ TAKERS = [
 
 
 @pytest.mark.parametrize("kind", PATHS)
-def test_paths_that_are_read(stock: Path, kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(stock)
+def test_paths_that_are_read(stock: Path, kind: str) -> None:
     (stock / LOOP).symlink_to(stock / LOOP)
     for number, words in enumerate(TAKERS):
         if (number + list(PATHS).index(kind)) % 2:
@@ -204,8 +203,7 @@ NAMES = {
 
 
 @pytest.mark.parametrize("kind", NAMES)
-def test_strange_names_are_written(stock: Path, kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(stock)
+def test_strange_names_are_written(stock: Path, kind: str) -> None:
     for words in WRITERS:
         name = NAMES[kind] + words[1] + (".png" if words[-1] == "--png" else "")
         outcome = run([*words, name])
@@ -214,16 +212,13 @@ def test_strange_names_are_written(stock: Path, kind: str, monkeypatch: pytest.M
 
 
 @pytest.mark.parametrize("kind", [k for k in PATHS if k not in NAMES and k != "empty"])
-def test_names_that_cannot_be_written(
-    stock: Path, kind: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(stock)
+def test_names_that_cannot_be_written(stock: Path, kind: str) -> None:
     (stock / LOOP).symlink_to(stock / LOOP)
     for words in WRITERS[1:]:  # the slow one is tried with folders
         refused([*words, PATHS[kind]], stock)
 
 
-def test_a_sequence_of_strange_names(stock: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_sequence_of_strange_names(stock: Path) -> None:
     """Videos in a folder whose name is no UTF-8, on which OpenCV crashes."""
     for name in NAMES.values():
         folder = stock / f"take {name.replace('/', '')}"

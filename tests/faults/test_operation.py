@@ -18,6 +18,7 @@ import pyopencl
 import pytest
 from helpers import faults
 from helpers.faults import run
+from helpers.shared import ROOT
 
 import apf.tracking.pipeline as pipeline
 import cl.launch
@@ -69,7 +70,7 @@ def test_a_full_disk(stock: Path) -> None:
         [sys.executable, "-c", code, *reconstruct(stock)[1:], "--device", "numpy"],
         capture_output=True, text=True, check=False,
         # What is compiled here would be cut to 900 bytes, for all other tests to fail over.
-        env={**os.environ, "PYTHONPATH": str(Path.cwd()), "PYTHONDONTWRITEBYTECODE": "1"},
+        env={**os.environ, "PYTHONPATH": str(ROOT), "PYTHONDONTWRITEBYTECODE": "1"},
     )  # fmt: skip
     assert done.returncode == 2 and "File too large" in done.stderr, done
     assert "Traceback" not in done.stderr
@@ -252,7 +253,7 @@ def test_caches_that_cannot_be_written() -> None:
     places = {"POCL_CACHE_DIR": "/dev/null/x", "XDG_CACHE_HOME": "/proc/x"}
     done = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, check=False, text=True,
-        env={**os.environ, **places, "PYTHONPATH": str(Path.cwd())},
+        env={**os.environ, **places, "PYTHONPATH": str(ROOT)},
     )  # fmt: skip
     assert done.returncode == 0 and "Traceback" not in done.stderr, done.stderr
 
@@ -287,7 +288,7 @@ def test_another_locale(stock: Path) -> None:
     folder = (stock / "walk").rename(stock / "gehört é")
     environment = {k: v for k, v in os.environ.items() if not k.startswith("LC_")}
     environment |= {"LANG": "C", "LC_ALL": "C", "PYTHONCOERCECLOCALE": "0",
-                    "PYTHONUTF8": "0", "PYTHONPATH": str(Path.cwd())}  # fmt: skip
+                    "PYTHONUTF8": "0", "PYTHONPATH": str(ROOT)}  # fmt: skip
     words = [sys.executable, "-m", "psfs.cli", "info", str(folder), "--no-pictures"]
     done = subprocess.run(words, capture_output=True, check=False, env=environment)
     assert done.returncode == 0 and b"Traceback" not in done.stderr, done.stderr

@@ -10,7 +10,6 @@ VIEW = ["psfs", "view", "out", "--frame", "1"]
 
 @pytest.fixture
 def stock(stock: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.chdir(stock)
     monkeypatch.setenv("XDG_CACHE_HOME", str(stock.parent / "cache"))
     return stock
 

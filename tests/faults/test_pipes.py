@@ -18,12 +18,6 @@ EVALUATE = ["apf", "evaluate", "track", "--truth", "truth.npz", "-o", "new"]
 INFO = ["psfs", "info", "seq", "--no-pictures"]
 
 
-@pytest.fixture
-def stock(stock: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.chdir(stock)
-    return stock
-
-
 PIPES = {
     "truth.npz": EVALUATE,
     "track/track.npz": ["apf", "smooth", "track", "-o", "new"],

@@ -17,12 +17,6 @@ from psfs.common.reading import parsing
 EVALUATE = ["apf", "evaluate", "track", "--truth", "truth.npz", "-o", "new"]
 
 
-@pytest.fixture
-def stock(stock: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.chdir(stock)
-    return stock
-
-
 def nested(depth: int) -> Any:
     values: Any = [0.0] * 10
     for _ in range(depth):
