@@ -61,11 +61,6 @@ class Adjusted:
     last: RigCorrections | None
 
 
-def count_whole(outlines: Sequence[Sequence[Outline | None]]) -> list[int]:
-    """Return in how many pictures each camera shows the whole person."""
-    return [sum(line is not None and not line.at_border.any() for line in row) for row in outlines]
-
-
 class PersonPoints:
     """The tangent points of the person's silhouettes [view][frame] of small `cameras`."""
 
@@ -80,7 +75,8 @@ class PersonPoints:
         self.contours = [SilhouetteContours(lines) for lines in outlines]
         self.counts = [len(lines) for lines in outlines]
         self.shortest = min(self.counts)
-        self.whole = count_whole(outlines)
+        #: In how many pictures each camera shows the whole person.
+        self.whole = [sum(o is not None and not o.at_border.any() for o in r) for r in outlines]
 
     def select(self, views: Sequence[int]) -> PersonPoints:
         """Return those of some cameras."""

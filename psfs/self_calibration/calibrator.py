@@ -31,7 +31,6 @@ from psfs.self_calibration.adjustment import (
     PersonPoints,
     adjust_extremes,
     adjust_frontier,
-    count_whole,
     differ,
     measure_misfit,
     refine_until_converged,
@@ -140,7 +139,7 @@ def adjust_calibration(
 
 def _find_rig(take: PersonTake, rate: float, config: PersonConfig, track: Track) -> Adjusted | None:
     """Return the rig that fits best, searched or grown."""
-    core = choose_core(take.outlines)
+    core = choose_core(take.points)
     ranked = _rank_starts(_search(take, core, track), take, core, track)
     first = [adjust_frontier(rig, take.points) for rig in ranked]
     candidates = [rig for rig in first if rig is not None]
@@ -161,18 +160,17 @@ def _find_rig(take: PersonTake, rate: float, config: PersonConfig, track: Track)
     return best
 
 
-def choose_core(outlines: Outlines) -> list[int]:
+def choose_core(points: PersonPoints) -> list[int]:
     """Return the cameras by which arrangements are compared: those that see the whole person in
     most pictures, the best first."""
-    order = np.argsort(np.negative(count_whole(outlines)), kind="stable")
+    order = np.argsort(np.negative(points.whole), kind="stable")
     return [int(view) for view in order[:CORE]]
 
 
 def _search(take: PersonTake, core: Sequence[int], track: Track) -> ArrangementSearch:
     """Return the search among the costs of the cameras' pairs."""
-    hulls, count = take.trace_hulls(), len(take.cameras)
-    walkers = [[Walker.create(v, h) for v in row] for row, h in zip(take.views, hulls, strict=True)]
-    angles = _angles(range(N_ANGLES))
+    walkers = [Walker.create(*pair) for pair in zip(take.views, take.hulls, strict=True)]
+    angles, count = _angles(range(N_ANGLES)), len(take.cameras)
     pairs = [
         pair
         for pair in combinations(range(count), 2)
@@ -180,9 +178,7 @@ def _search(take: PersonTake, core: Sequence[int], track: Track) -> ArrangementS
     ]
 
     def compare(pair: tuple[int, int]) -> np.ndarray:
-        a, b = pair
-        costs = [[compare_pair(x, y, angles, take.most) for y in walkers[b]] for x in walkers[a]]
-        return np.array(costs)
+        return compare_pair(walkers[pair[0]], walkers[pair[1]], angles, take.most)
 
     costs_of_pairs = track(map_in_threads(compare, pairs), len(pairs), "pairs of cameras")
     return ArrangementSearch(dict(zip(pairs, costs_of_pairs, strict=True)), count)
@@ -208,9 +204,9 @@ def _rank_starts(
     ) -> list[tuple[Adjusted, Arrangement]]:
         best = []
         for tried in track(arrangements, len(arrangements), name):
-            chosen = [view[k] for view, k in zip(take.views, tried.variants, strict=True)]
             stature, lags = take.points.config.stature, np.array(tried.lags, float)
-            rig = place_cameras(take.cameras, chosen, _angles(tried.angles), tried.lags, stature)
+            angles = _angles(tried.angles)
+            rig = place_cameras(take.cameras, take.views, angles, tried.lags, stature)
             placed = CameraRig(tuple(rig[view] for view in views))
             adjusted = adjust_extremes(placed, step * lags[[*views]], points, FIRST, step)
             best += [] if adjusted is None else [(adjusted, tried)]

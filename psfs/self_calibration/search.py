@@ -148,22 +148,20 @@ def _planes(
 
 @dataclass(frozen=True)
 class Arrangement:
-    """Variants of all cameras, their angles and lags relative to the first, in steps of the
-    tables."""
+    """Angles and lags of all cameras relative to the first, in steps of the tables."""
 
-    variants: tuple[int, ...]
     angles: tuple[int, ...]
     lags: tuple[int, ...]
 
 
-#: Variant, angle and lag of a camera.
-Place = tuple[int, int, int]
+#: Angle and lag of a camera.
+Place = tuple[int, int]
 
 
 class ArrangementSearch:
-    """Costs of pairs (a, b), a < b, of V cameras: (T, T, A, 2 most + 1) each, of T variants of
-    either camera, see `compare_pair`. What cannot be compared has the median of all costs. Every
-    camera has pairs with some that have pairs with camera 0."""
+    """Costs of pairs (a, b), a < b, of V cameras: (A, 2 most + 1) each, see `compare_pair`. What
+    cannot be compared has the median of all costs. Every camera has pairs with some that have pairs
+    with camera 0."""
 
     def __init__(self, tables: Mapping[tuple[int, int], np.ndarray], n_cameras: int) -> None:
         known = np.concatenate([table[np.isfinite(table)] for table in tables.values()])
@@ -173,10 +171,9 @@ class ArrangementSearch:
         for (a, b), table in tables.items():
             costs = np.where(np.isfinite(table), table, self.neutral)
             self._tables[a, b] = costs
-            back = np.roll(costs[:, :, ::-1], 1, axis=2)[..., ::-1]
-            self._tables[b, a] = back.swapaxes(0, 1)
+            self._tables[b, a] = np.roll(costs[::-1], 1, axis=0)[:, ::-1]
         shape = next(iter(tables.values())).shape
-        self.n_angles, self.most = shape[2], shape[3] // 2
+        self.n_angles, self.most = shape[0], shape[1] // 2
 
     def find(self, count: int) -> list[Arrangement]:
         """Return up to `count` different arrangements, the best first.
@@ -184,8 +181,7 @@ class ArrangementSearch:
         Cameras are placed one after another, each at several places where it fits those before it
         best; the best partial arrangements are kept (beam search).
         """
-        variants = range(next(iter(self._tables.values())).shape[0])
-        beam: list[tuple[float, dict[int, Place]]] = [(0.0, {0: (k, 0, 0)}) for k in variants]
+        beam: list[tuple[float, dict[int, Place]]] = [(0.0, {0: (0, 0)})]
         for _ in range(1, self.n_cameras):
             view = self._choose_next(beam)
             grown = []
@@ -220,14 +216,14 @@ class ArrangementSearch:
         return min(left, key=lambda v: float(self._costs(v, places).min()) / len(compared[v]))
 
     def _costs(self, view: int, places: Mapping[int, Place]) -> np.ndarray:
-        """Return the costs (T, A, L) of a camera with those that are placed, summed."""
-        total = np.zeros(next(iter(self._tables.values())).shape[1:])
-        for other, (variant, angle, lag) in places.items():
+        """Return the costs (A, L) of a camera with those that are placed, summed."""
+        total = np.zeros((self.n_angles, 2 * self.most + 1))
+        for other, (angle, lag) in places.items():
             if (other, view) not in self._tables:
                 continue
-            table = np.roll(self._tables[other, view][variant], angle, axis=1)
+            table = np.roll(self._tables[other, view], angle, axis=0)
             shifted = np.full_like(table, self.neutral)
-            low, high = max(0, lag), min(table.shape[2], table.shape[2] + lag)
+            low, high = max(0, lag), min(table.shape[1], table.shape[1] + lag)
             if low < high:
                 shifted[..., low:high] = table[..., low - lag : high - lag]
             total += shifted
@@ -236,16 +232,12 @@ class ArrangementSearch:
     def _best_places(self, view: int, places: Mapping[int, Place]) -> list[tuple[float, Place]]:
         """Return the costs and places of the best local minima of `_costs`."""
         costs = self._costs(view, places)
-        best = costs.min(axis=0)
-        wide = np.pad(best, ((2, 2), (0, 0)), mode="wrap")
+        wide = np.pad(costs, ((2, 2), (0, 0)), mode="wrap")
         low = scipy.ndimage.minimum_filter(wide, (5, 5), mode="nearest")[2:-2]
-        angles, lags = np.nonzero(best <= low)
-        order = np.argsort(best[angles, lags])[:_BEST_PLACES]
-        candidates = []
-        for angle, lag in zip(angles[order].tolist(), lags[order].tolist(), strict=True):
-            variant = int(costs[:, angle, lag].argmin())
-            candidates.append((float(best[angle, lag]), (variant, angle, lag - self.most)))
-        return candidates
+        angles, lags = np.nonzero(costs <= low)
+        order = np.argsort(costs[angles, lags])[:_BEST_PLACES]
+        best = zip(angles[order].tolist(), lags[order].tolist(), strict=True)
+        return [(float(costs[angle, lag]), (angle, lag - self.most)) for angle, lag in best]
 
     def _keep_different(
         self, grown: list[tuple[float, dict[int, Place]]]
@@ -253,7 +245,7 @@ class ArrangementSearch:
         different: list[tuple[float, dict[int, Place]]] = []
         taken: list[np.ndarray] = []
         for cost, places in grown:
-            steps = np.array([places[view][1:] for view in sorted(places)])
+            steps = np.array([places[view] for view in sorted(places)])
             if taken:
                 apart = np.abs(np.array(taken) - steps)
                 apart[..., 0] = np.minimum(apart[..., 0], self.n_angles - apart[..., 0])
@@ -269,9 +261,8 @@ class ArrangementSearch:
         """Return the arrangement of all cameras."""
         views, first = range(self.n_cameras), places[0]
         return Arrangement(
-            tuple(places[view][0] for view in views),
-            tuple((places[view][1] - first[1]) % self.n_angles for view in views),
-            tuple(places[view][2] - first[2] for view in views),
+            tuple((places[view][0] - first[0]) % self.n_angles for view in views),
+            tuple(places[view][1] - first[1] for view in views),
         )
 
 

@@ -33,16 +33,16 @@ _LEAST_MOTION = 0.03
 class PersonTake:
     """Silhouettes of V cameras, and what each tells by itself.
 
-    cameras: small, with the intrinsics that are kept. outlines: [view][frame]. points: their
-    tangent points. views: of every camera its tilt and height at several tilts, in every `step`-th
-    frame. edges: (N, 2, 2) px each, the straight edges of the empty room. most: the greatest lag in
-    steps.
+    cameras: small, with the intrinsics that are kept. points: the silhouettes' tangent points.
+    hulls: of the silhouettes in every `step`-th frame. views: of every camera its tilt and height,
+    by these. edges: (N, 2, 2) px each, the straight edges of the empty room. most: the greatest lag
+    in steps.
     """
 
     cameras: Sequence[Camera]
-    outlines: Outlines
     points: PersonPoints
-    views: Sequence[list[UprightView]]
+    hulls: Sequence[HullRays]
+    views: Sequence[UprightView]
     edges: Sequence[np.ndarray]
     step: int
     most: int
@@ -57,19 +57,15 @@ class PersonTake:
         check_seen(cameras, outlines)
         step = max(1, round(rate / TABLE_RATE))
         points = PersonPoints(cameras, outlines, config)
-        views = _fit_views(cameras, outlines, step)
+        rows = [view_outlines[::step] for view_outlines in outlines]
+        hulls = [HullRays(*pair) for pair in zip(cameras, rows, strict=True)]
         most = int(np.ceil(config.longest_lag * rate / step))
-        return cls(cameras, outlines, points, views, edges, step, most)
+        return cls(cameras, points, hulls, _fit_views(hulls, rows), edges, step, most)
 
     def find_up(self, rig: CameraRig) -> np.ndarray:
         """Return the mean of what the cameras of a rig tell of up (3,)."""
         pairs = zip(rig, self.views, strict=True)
-        return np.mean([camera.R.T @ variants[0].axes[2] for camera, variants in pairs], axis=0)
-
-    def trace_hulls(self) -> list[HullRays]:
-        """Return the cameras' hulls in every `step`-th frame."""
-        pairs = zip(self.cameras, self.outlines, strict=True)
-        return [HullRays(camera, view_outlines[:: self.step]) for camera, view_outlines in pairs]
+        return np.mean([camera.R.T @ view.axes[2] for camera, view in pairs], axis=0)
 
 
 def check_seen(cameras: Sequence[Camera], outlines: Outlines) -> None:
@@ -93,10 +89,10 @@ def check_seen(cameras: Sequence[Camera], outlines: Outlines) -> None:
         )
 
 
-def _fit_views(cameras: Sequence[Camera], outlines: Outlines, step: int) -> list[list[UprightView]]:
-    """Return what each camera tells of its tilt and height in every `step`-th frame."""
-    views = [fit_upright(c, row[::step]) for c, row in zip(cameras, outlines, strict=True)]
-    if any(variants is None for variants in views):
-        unseen = [c.name for c, variants in zip(cameras, views, strict=True) if variants is None]
+def _fit_views(hulls: Sequence[HullRays], outlines: Outlines) -> list[UprightView]:
+    """Return what each camera tells of its tilt and height."""
+    views = [fit_upright(*pair) for pair in zip(hulls, outlines, strict=True)]
+    unseen = [of.camera.name for of, view in zip(hulls, views, strict=True) if view is None]
+    if unseen:
         raise InputError(f"{join_names(unseen)}: the person is seldom seen wholly; {FILM}")
-    return [variants for variants in views if variants is not None]
+    return [view for view in views if view is not None]

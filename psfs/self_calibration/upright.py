@@ -26,8 +26,6 @@ _ELEVATION, _AZIMUTH = 0.02, 0.04
 #: Cameras' usual tilt, rad upwards, and height, statures, with their standard deviations, and that
 #: of roll, rad.
 _TILT, _HEIGHT, _ROLL = (-0.1, 0.5), (0.9, 0.35), 0.06
-#: Turn of the fitted tilt, upwards and downwards, that is tried too, rad.
-_TURN = 0.105
 #: Fewest frames, or points in these, by which one or two cameras are judged.
 FEWEST = 20
 
@@ -55,14 +53,10 @@ def floor_axes(tilt: float, roll: float) -> np.ndarray:
     return np.stack([right, np.cross(up, right), up])
 
 
-def fit_upright(camera: Camera, outlines: Sequence[Outline | None]) -> list[UprightView] | None:
-    """Fit the camera's tilt, roll and height to its outlines [frame].
-
-    Returns the views at the fitted tilt, and at this tilt less and plus `_TURN`; None if too
-    few frames show the whole person.
-    """
-    hulls = HullRays(camera, outlines)
-    ends = _Ends(camera, outlines)
+def fit_upright(hulls: HullRays, outlines: Sequence[Outline | None]) -> UprightView | None:
+    """Fit the camera's tilt, roll and height to its outlines [frame] and their hulls; None if too
+    few frames show the whole person."""
+    ends = _Ends(hulls.camera, outlines)
     values = np.array([_TILT[0], 0.0, _HEIGHT[0]])
     for _ in range(2):
         seen = _measure(hulls, ends, floor_axes(values[0], values[1]))
@@ -80,8 +74,13 @@ def fit_upright(camera: Camera, outlines: Sequence[Outline | None]) -> list[Upri
             },
         )
         values = optimum.x
-    turns = (0.0, -_TURN, _TURN)
-    return [_make_view(hulls, ends, values[0] + turn, values[1]) for turn in turns]
+    axes = floor_axes(values[0], values[1])
+    top, bottom, head, feet = _measure(hulls, ends, axes).T
+    a, b = np.tan(top), np.tan(-bottom)
+    distance = 1 / np.maximum(a + b, 1e-3)
+    azimuth = 0.5 * (head + feet)
+    places = distance[:, None] * np.stack([np.sin(azimuth), np.cos(azimuth)], -1)
+    return UprightView(axes, float(np.nanmedian(b * distance)), places)
 
 
 def _cost(hulls: HullRays, ends: _Ends, x: np.ndarray) -> float:
@@ -98,17 +97,6 @@ def _cost(hulls: HullRays, ends: _Ends, x: np.ndarray) -> float:
         (x[2] - _HEIGHT[0]) / _HEIGHT[1],
     ]
     return float(robust + np.square(prior).sum())
-
-
-def _make_view(hulls: HullRays, ends: _Ends, tilt: float, roll: float) -> UprightView:
-    """Return the view at a given tilt and roll."""
-    axes = floor_axes(tilt, roll)
-    top, bottom, head, feet = _measure(hulls, ends, axes).T
-    a, b = np.tan(top), np.tan(-bottom)
-    distance = 1 / np.maximum(a + b, 1e-3)
-    azimuth = 0.5 * (head + feet)
-    places = distance[:, None] * np.stack([np.sin(azimuth), np.cos(azimuth)], -1)
-    return UprightView(axes, float(np.nanmedian(b * distance)), places)
 
 
 class _Ends:
