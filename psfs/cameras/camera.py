@@ -37,8 +37,9 @@ class Camera:
     world to camera. size: (width, height) px. kappa: Tsai's radial distortion of normalised
     coordinates, used instead of `distortion` (see `distortion.py`). fisheye: whether
     `distortion` begins with k1 k2 k3 k4 of OpenCV's fisheye lens. hidden: (height, width) bool,
-    the pixels where furniture hides what is behind it, or None. Raises InputError if R is not a
-    rotation, a number is not finite, a shape is wrong, or both distortions are given.
+    the pixels where furniture hides what is behind it, or None. blur: px by which the calibration
+    is off, see `psfs.diagnostics.alignment`. Raises InputError if R is not a rotation, a number is
+    not finite, a shape is wrong, or both distortions are given.
     """
 
     name: str
@@ -50,6 +51,7 @@ class Camera:
     kappa: float = 0.0
     hidden: np.ndarray | None = None
     fisheye: bool = False
+    blur: float = 0.0
 
     def __post_init__(self) -> None:
         check_name(self.name, "a camera")
@@ -231,7 +233,7 @@ class Camera:
                 for n, last in zip(size[::-1], hidden.shape, strict=True)
             )
             hidden = hidden[np.ix_(rows, columns)]
-        return replace(self, K=K, size=size, hidden=hidden)
+        return replace(self, K=K, size=size, hidden=hidden, blur=factor * self.blur)
 
     def refocused(self, factor: float) -> Camera:
         """Return the camera with focal lengths `factor` times as long."""
@@ -338,6 +340,11 @@ class CameraRig:
                 for camera, hidden in zip(self, cut, strict=True)
             )
         )
+
+    @property
+    def blur(self) -> int:
+        """Whole px by which the calibration is off, the cameras' largest."""
+        return round(max(camera.blur for camera in self))
 
     @property
     def picture(self) -> tuple[int, int]:

@@ -9,11 +9,13 @@ half of the frames and judged by the other half.
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
+from scipy.special import ndtri
 
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.rig_geometry import intersect_axes_ahead
@@ -42,6 +44,8 @@ from psfs.diagnostics.small_views import (
     small_views,
 )
 from psfs.session import Session
+
+log = logging.getLogger(__name__)
 
 #: Residual in small pictures below which a rig counts as sound, px: exact rigs have up to 0.36.
 _SOUND = 0.45
@@ -88,16 +92,25 @@ class Alignment:
         return self.after <= _SHARE * self.before
 
 
-def correct_rig(session: Session, views: SmallViews) -> Alignment | None:
-    """Return the corrected rig of a session; None if the rig fits as it is or cannot be judged.
+def correct_rig(session: Session, views: SmallViews) -> CameraRig:
+    """Return the corrected rig of a session; its own if it fits as it is or cannot be judged.
 
     views: small pictures of these cameras or more. Unless they show that the rig is sound, the
-    correction is estimated from larger ones.
+    correction is estimated from larger ones, and the cameras know by how much they are still off
+    (see `Camera`).
     """
-    if len(session.rig) < 3 or RigFit.of_views(session.rig, views).measure() <= _SOUND:
-        return None
-    found = align_views(session.rig, larger_views(session))
-    return found if found is not None and found.is_accepted() else None
+    rig = session.rig
+    if len(rig) < 3 or RigFit.of_views(rig, views).measure() <= _SOUND:
+        return rig
+    found = align_views(rig, larger_views(session))
+    if found is None:
+        return rig
+    off = found.before
+    if found.is_accepted():
+        log.info("%s: %s", session.sequence.name, found)
+        rig, off = found.rig, found.after
+    off *= max(rig.width, rig.height) / found.side / ndtri(0.75)  # the standard deviation
+    return CameraRig(tuple(replace(camera, blur=off) for camera in rig))
 
 
 def larger_views(session: Session) -> SmallViews:

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import TypeVar
@@ -31,8 +30,6 @@ from psfs.footage.camera_times import MOST_DRIFT
 from psfs.footage.settings import split_delays
 from psfs.sequence import Sequence
 from psfs.session import Session
-
-log = logging.getLogger(__name__)
 
 R = TypeVar("R")
 
@@ -214,11 +211,10 @@ def _correct_rig(session: Session, diagnosis: Diagnosis) -> Session:
     hidden = _recall(session, key, find_hidden_pixels)
     if hidden is not None:
         session = session.with_sequence(session.sequence.with_rig(session.rig.with_hidden(hidden)))
-    correction = correct_rig(session, diagnosis.views)
-    if correction is None:
+    rig = correct_rig(session, diagnosis.views)
+    if rig is session.rig:
         return session
-    log.info("%s: %s", session.sequence.name, correction)
-    return session.with_sequence(session.sequence.with_rig(correction.rig))
+    return session.with_sequence(session.sequence.with_rig(rig))
 
 
 def synchronise(session: Session) -> Session:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+import scipy
 
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.footprints import pixel_boxes, voxel_footprints
@@ -64,6 +65,17 @@ def padded_grid(grid: VoxelGrid) -> VoxelGrid:
     return VoxelGrid(grid.origin - grid.voxel_size, grid.voxel_size, shape)
 
 
+def blur(evidence: np.ndarray, reach: int) -> np.ndarray:
+    """Return evidence (V, H, W) int8 that is at each pixel the largest within `reach` + 1/2 px;
+    where it is unknown it stays so, unless there is foreground."""
+    if not reach:
+        return evidence
+    along = np.arange(-reach, reach + 1)
+    disc = along**2 + along[:, None] ** 2 <= reach * (reach + 1)
+    most = scipy.ndimage.grey_dilation(evidence, footprint=disc[None], mode="nearest")
+    return np.where((evidence == UNKNOWN) & (most <= 0), evidence, most)
+
+
 def occupancy(
     rig: CameraRig,
     grid: VoxelGrid,
@@ -78,6 +90,7 @@ def occupancy(
     A camera from which something hides a voxel (`UNKNOWN`) adds `HIDDEN`. body: the counts (N,)
     that a tracked body adds to voxels at points (N, 3); the sum is limited as the table is.
     """
+    evidence = blur(evidence, rig.blur)
     padded = padded_grid(grid)
     centres = padded.centres()
     total = np.zeros(len(centres))

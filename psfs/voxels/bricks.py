@@ -5,10 +5,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from cl import Array, Device
+from cl import Array, Device, Launch
 from cl.program import Define
 from cl.signature import Argument
-from cl.workgroups import size_defines
+from cl.workgroups import row_group, size_defines
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.distortion import distort, distortion_jacobian
 from psfs.silhouettes.hidden import HIDDEN, UNKNOWN
@@ -31,7 +31,9 @@ _REACH_FLOATS = 8
 class Bricks:
     """Inputs that the occupancy kernels of one grid share: maps, tables, tiles and definitions.
 
-    evidence: (V, H, W) int8 in counts of `step` nats. body: a tracked body by
+    evidence: (V, H, W) int8 in counts of `step` nats. If the rig has a `blur`, the evidence reaches
+    as far: limbs that are thinner than the error of the calibration are not carved away (kernel:
+    blur.cl; twin: `psfs.reference.surface.blur`). body: a tracked body by
     `psfs.voxels.body_prior.pack_body`, if there is one. A call enqueues the computation of the
     tiles: least and greatest evidence count of each.
     """
@@ -49,7 +51,19 @@ class Bricks:
     ) -> None:
         check_size(grid)
         config = config or OccupancyConfig()
-        self.device, self.shape, self.evidence = device, grid.shape, evidence
+        self.device, self.shape = device, grid.shape
+        self._launches, self.evidence = list[Launch](), evidence
+        if rig.blur:
+            self.evidence = device.empty(evidence.shape, np.int8, "the blurred evidence")
+            kernel = device.kernel(
+                "reconstruction/blur", "blur", BLUR=rig.blur, UNKNOWN=UNKNOWN,
+                **size_defines(device, rig.picture),
+            )  # fmt: skip
+            blur = device.launch(
+                kernel, (rig.width, rig.height, len(rig)), row_group(device),
+                picture=rig.picture, evidence=evidence, blurred=self.evidence,
+            )  # fmt: skip
+            self._launches.append(blur)
         self.picture, self.body = rig.picture, body
         self.closed_surface = config.closed_surface
         views, width, height = len(rig), rig.width, rig.height
@@ -88,15 +102,16 @@ class Bricks:
         self.move_to(grid)
         lanes = 16 if device.is_gpu else 1
         tiles |= {**sizes, "LANES": lanes}
-        self._launch = device.launch(
+        tile = device.launch(
             device.kernel("reconstruction/tiles", "evidence_tiles", **tiles),
             (columns * rows * lanes, views),
             (lanes, 1),
             picture=self.picture,
-            evidence=evidence,
+            evidence=self.evidence,
             tiles=self.tiles,
             n_active=self.n_active,
         )
+        self._launches.append(tile)
 
     @property
     def inputs(self) -> dict[str, Argument]:
@@ -119,7 +134,8 @@ class Bricks:
         self.geometry.set(np.array([*grid.origin, grid.voxel_size], np.float32))
 
     def __call__(self) -> None:
-        self._launch()
+        for launch in self._launches:
+            launch()
 
 
 def _camera_defines(device: Device, n: int) -> dict[str, Define]:

@@ -89,7 +89,7 @@ def rig_key(rig: CameraRig) -> tuple[Hashable, ...]:
     """Return all that distinguishes a rig from others."""
     arrays = ((c.K, c.distortion, c.R, c.t, c.hidden) for c in rig)
     known = [array for own in arrays for array in own if array is not None]
-    facts = repr([(c.size, c.kappa, c.hidden is None) for c in rig])
+    facts = repr([(c.size, c.kappa, c.hidden is None, c.blur) for c in rig])
     return *rig.names, facts, digest_of(known)
 
 

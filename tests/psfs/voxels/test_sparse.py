@@ -10,7 +10,8 @@ from scipy import ndimage
 from cl import Device, InputError
 from psfs.cameras.camera import CameraRig
 from psfs.reconstructor import Reconstructor
-from psfs.reference.surface import mean_position, occupancy, smooth, surface_voxels
+from psfs.reference.surface import blur, mean_position, occupancy, smooth, surface_voxels
+from psfs.silhouettes.hidden import UNKNOWN
 from psfs.voxels import sparse
 from psfs.voxels.bricks import Bricks
 from psfs.voxels.config import OccupancyConfig
@@ -234,3 +235,39 @@ def test_the_mean_position_agrees_with_the_twin(
     assert (found is None) == (expected is None)
     if found is not None and expected is not None:
         np.testing.assert_allclose(found, expected, rtol=1e-5)
+
+
+def blurred(rig: CameraRig, px: float) -> CameraRig:
+    return CameraRig(tuple(replace(camera, blur=px) for camera in rig))
+
+
+@pytest.mark.parity("reconstruction/blur.blur")
+@pytest.mark.parametrize("px", [1, 3])
+def test_blurred_evidence(device: Device, px: int) -> None:
+    rig = blurred(scenes.ring(3), px)
+    evidence = evidence_of(rig, 5, 7)
+    evidence[:, 10:30, 5:40][evidence[:, 10:30, 5:40] < 0] = UNKNOWN
+    bricks = Bricks(device, rig, scenes.small_grid(), device.to_device(evidence), STEP)
+    bricks()
+    expected = blur(evidence, px)
+    np.testing.assert_array_equal(bricks.evidence.get(), expected)
+    assert (expected > 0).sum() > (evidence > 0).sum() and (expected == UNKNOWN).any()
+
+
+def test_thin_limbs_survive_cameras_that_are_off(device: Device) -> None:
+    """A rod of two voxels that every other camera shows two pixels aside."""
+    rig, grid = scenes.ring(6), scenes.small_grid(0.02)
+    middle = grid.origin + grid.voxel_size * np.array(grid.shape) / 2
+    rod = middle + np.linspace(-0.1, 0.1, 200)[:, None] * np.array([0, 0, 1])
+    evidence = np.full((len(rig), rig.height, rig.width), -90, np.int8)
+    for view, camera in enumerate(rig):
+        _, row, column, _ = camera.look_up(rod)
+        evidence[view, row, column + 2 * (view % 2)] = 14
+    n_voxels = []
+    for px in (0, 2):
+        surface = SparseSurface(
+            Bricks(device, blurred(rig, px), grid, device.to_device(evidence), STEP)
+        )
+        surface()
+        n_voxels.append(len(surface.download()[0]))
+    assert n_voxels[0] == 0 and n_voxels[1] > 10
