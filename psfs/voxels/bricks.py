@@ -11,6 +11,7 @@ from cl.signature import Argument
 from cl.workgroups import row_group, size_defines
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.distortion import distort, distortion_jacobian
+from psfs.common.edge_distance import LOT
 from psfs.silhouettes.hidden import HIDDEN, UNKNOWN
 from psfs.voxels.config import OccupancyConfig
 from psfs.voxels.grid import VoxelGrid, check_size
@@ -56,11 +57,11 @@ class Bricks:
         if rig.blur:
             self.evidence = device.empty(evidence.shape, np.int8, "the blurred evidence")
             kernel = device.kernel(
-                "reconstruction/blur", "blur", BLUR=rig.blur, UNKNOWN=UNKNOWN,
+                "reconstruction/blur", "blur", BLUR=rig.blur, LOT=LOT, UNKNOWN=UNKNOWN,
                 **size_defines(device, rig.picture),
             )  # fmt: skip
             blur = device.launch(
-                kernel, (rig.width, rig.height, len(rig)), row_group(device),
+                kernel, (-(-rig.width // LOT), rig.height, len(rig)), row_group(device),
                 picture=rig.picture, evidence=evidence, blurred=self.evidence,
             )  # fmt: skip
             self._launches.append(blur)
