@@ -37,9 +37,9 @@ class Camera:
     world to camera. size: (width, height) px. kappa: Tsai's radial distortion of normalised
     coordinates, used instead of `distortion` (see `distortion.py`). fisheye: whether
     `distortion` begins with k1 k2 k3 k4 of OpenCV's fisheye lens. hidden: (height, width) bool,
-    the pixels where furniture hides what is behind it, or None. blur: px by which the calibration
-    is off, see `psfs.diagnostics.alignment`. Raises InputError if R is not a rotation, a number is
-    not finite, a shape is wrong, or both distortions are given.
+    the pixels where furniture hides what is behind it, or None. blur: standard deviation, px, of
+    the calibration's error; 0 if it is sound, see `psfs.diagnostics.alignment`. Raises InputError
+    if R is not a rotation, a number is not finite, a shape is wrong, or both distortions are given.
     """
 
     name: str
@@ -343,7 +343,7 @@ class CameraRig:
 
     @property
     def blur(self) -> int:
-        """Whole px by which the calibration is off, the cameras' largest."""
+        """Standard deviation of the calibration's error, whole px: the largest of the cameras."""
         return round(max(camera.blur for camera in self))
 
     @property

@@ -16,8 +16,8 @@ FROM_Y_UP = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
 FALSE_ALARMS = 1e-3
 #: Number of frames that stand for a take: enough for a median.
 SAMPLES = 25
-#: Time of a step, s: after it silhouettes and limbs are no longer wrong alike, and who is seen for
-#: less does not count.
+#: Time of a step, s: errors of silhouettes and limbs are independent after it, and whoever is seen
+#: for a shorter time is not counted.
 STEP_SECONDS = 0.5
 
 

@@ -102,15 +102,16 @@ def correct_rig(session: Session, views: SmallViews) -> CameraRig:
     rig = session.rig
     if len(rig) < 3 or RigFit.of_views(rig, views).measure() <= _SOUND:
         return rig
-    found = align_views(rig, larger_views(session))
-    if found is None:
+    alignment = align_views(rig, larger_views(session))
+    if alignment is None:
         return rig
-    off = found.before
-    if found.is_accepted():
-        log.info("%s: %s", session.sequence.name, found)
-        rig, off = found.rig, found.after
-    off *= max(rig.width, rig.height) / found.side / ndtri(0.75)  # the standard deviation
-    return CameraRig(tuple(replace(camera, blur=off) for camera in rig))
+    residual = alignment.before
+    if alignment.is_accepted():
+        log.info("%s: %s", session.sequence.name, alignment)
+        rig, residual = alignment.rig, alignment.after
+    scale = max(rig.width, rig.height) / alignment.side
+    deviation = scale * residual / ndtri(0.75)  # of normal errors with this median
+    return CameraRig(tuple(replace(camera, blur=deviation) for camera in rig))
 
 
 def larger_views(session: Session) -> SmallViews:

@@ -1,4 +1,4 @@
-"""What people are told of a live run's speed, what each thread did when, and how late poses are."""
+"""The report of a live run: its speed, the trace of its threads, and the latency of poses."""
 
 from dataclasses import replace
 from pathlib import Path
