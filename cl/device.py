@@ -195,12 +195,15 @@ class Device:
         nbytes = max(1, math.prod(shape) * np.dtype(dtype).itemsize)
         self.require_memory(nbytes, what)
         try:
-            whole = pyopencl.Buffer(self.context, pyopencl.mem_flags.READ_WRITE, nbytes)
+            # Of whole words: kernels load those of an array of bytes.
+            words = pyopencl.Buffer(
+                self.context, pyopencl.mem_flags.READ_WRITE, -(-nbytes // 4) * 4
+            )
         except pyopencl.Error as error:
             raise DeviceError(
                 f"{self.name} could not allocate {_megabytes(nbytes)} for {what}: {error}"
             ) from error
-        array = Array(self, whole, shape, dtype)
+        array = Array(self, words, shape, dtype)
         self._allocated[0] += nbytes
         weakref.finalize(array, self._release, nbytes)
         return array

@@ -43,6 +43,16 @@ static inline float centre_of(__global const float *geometry, int axis, float i)
     return geometry[axis] + (i - 0.5f) * geometry[3];
 }
 
+// One byte of the maps. A CPU loads the word that it is in: its vector units gather words alone.
+static inline int evidence_at(__global const char *evidence, int place)
+{
+#if LANES > 1
+    return evidence[place];
+#else
+    return ((__global const int *)evidence)[place >> 2] << (24 - 8 * (place & 3)) >> 24;
+#endif
+}
+
 // Evidence of all cameras for the voxels of a brick whose first padded voxel is (x0, y0, z0).
 static inline void sum_evidence(int2 picture, int n_cameras, __global const float *restrict cameras,
                                 __global const float *restrict reach,
@@ -71,7 +81,7 @@ static inline void sum_evidence(int2 picture, int n_cameras, __global const floa
     for (int k = 0; k < N_CAMERAS; ++k) {
         if (!open[k]) continue;
         __global const float *camera = cameras + k * CAMERA_FLOATS;
-        __global const char *map = evidence + k * (WIDTH * HEIGHT);
+        const int first = k * (WIDTH * HEIGHT);
         FOR_ROWS(row, ROWS) {
             const float px = centre_of(geometry, 0, x0 + row / DY);
             const float py = centre_of(geometry, 1, y0 + row % DY);
@@ -79,7 +89,7 @@ static inline void sum_evidence(int2 picture, int n_cameras, __global const floa
                 float2 pixel;
                 camera_project(camera, px, py, centre_of(geometry, 2, z0 + z), &pixel);
                 const int at = camera_offset(camera, pixel, WIDTH);
-                const int counts = map[at >= 0 ? at : 0];
+                const int counts = evidence_at(evidence, first + (at >= 0 ? at : 0));
                 sums[row * DZ + z] += at >= 0 ? known_counts(counts) + SEEN : 0;
             }
         }
