@@ -67,8 +67,8 @@ def find_hidden_pixels(session: Session) -> np.ndarray | None:
     with sequence.reader(learning=False) as read:
         frames = shrink.frames(map(read, picked))
         evidence = [counts.copy() for _, counts in compute_ahead(frames, begin)]
-    try:
-        volume = find_volume(session)
+    try:  # the volume of all frames: outside the selection's, foreground would stay unexplained
+        volume = find_volume(session.with_frames(range(len(sequence))))
     except InputError:  # which the stages that need a volume report
         return None
     low, high = volume.low, volume.high
