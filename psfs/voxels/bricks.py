@@ -11,7 +11,6 @@ from cl.signature import Argument
 from cl.workgroups import row_group, size_defines
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.distortion import distort, distortion_jacobian
-from psfs.common.edge_distance import LOT
 from psfs.silhouettes.hidden import HIDDEN, UNKNOWN
 from psfs.voxels.config import OccupancyConfig
 from psfs.voxels.grid import VoxelGrid, check_size
@@ -25,6 +24,8 @@ BRICK_DEFINES: dict[str, Define] = dict(zip(("BX", "BY", "BZ"), BRICK, strict=Tr
 TILE, COARSE_TILE = 8, 32
 #: Cameras for which a CPU's programs have room, or a multiple of this.
 _CAMERAS = 16
+#: Pixels that an item of a CPU blurs at once.
+_BLUR_PACK = 16
 #: Floats per camera in the array of `lens_reach`.
 _REACH_FLOATS = 8
 
@@ -56,12 +57,13 @@ class Bricks:
         self._launches, self.evidence = list[Launch](), evidence
         if rig.blur:
             self.evidence = device.empty(evidence.shape, np.int8, "the blurred evidence")
+            pack = 1 if device.is_gpu else _BLUR_PACK
             kernel = device.kernel(
-                "reconstruction/blur", "blur", BLUR=rig.blur, LOT=LOT, UNKNOWN=UNKNOWN,
+                "reconstruction/blur", "blur", BLUR=rig.blur, PACK=pack, UNKNOWN=UNKNOWN,
                 **size_defines(device, rig.picture),
             )  # fmt: skip
             blur = device.launch(
-                kernel, (-(-rig.width // LOT), rig.height, len(rig)), row_group(device),
+                kernel, (-(-rig.width // pack), rig.height, len(rig)), row_group(device),
                 picture=rig.picture, evidence=evidence, blurred=self.evidence,
             )  # fmt: skip
             self._launches.append(blur)

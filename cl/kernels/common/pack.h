@@ -69,6 +69,31 @@ ACCESSES(__local)
 ACCESSES(__private)
 #endif
 
+// The bytes at these places of a table. A CPU loads the words that they are in: its vector units
+// gather words alone, and PoCL makes gathers of loops alone.
+#if PACK == 1
+#define look_up(table, place) ((int)(table)[place])
+#else
+static inline vint look_up_words(const size_t table, vint place)
+{
+    __global const int *words = (__global const int *)(table & ~(size_t)3);
+    int places[PACK], found[PACK];
+    place += (int)(table & 3);
+    STORE_PACK(place >> 2, places);
+#pragma clang loop unroll(disable) vectorize(enable)
+    for (int lane = 0; lane < PACK; ++lane) found[lane] = words[places[lane]];
+    return LOAD_PACK(found) << (24 - 8 * (place & 3));
+}
+static inline __attribute__((overloadable)) vint look_up(__global const char *table, vint place)
+{
+    return look_up_words((size_t)table, place) >> 24;
+}
+static inline __attribute__((overloadable)) vint look_up(__global const uchar *table, vint place)
+{
+    return look_up_words((size_t)table, place) >> 24 & 255;
+}
+#endif
+
 // The number of every lane.
 #define LANE_NUMBER(l) 0x##l
 #define LANE_NUMBERS PACK_OF(vint, LANE_NUMBER)

@@ -66,14 +66,10 @@ static inline vint between_cells(int2 picture, __global const uchar *cells, int 
 }
 
 // What the table has for the pixels' colours.
-static inline vint by_colour(__global const char *table, __global const uchar *pixel)
+static inline vint by_colour(__global const char *table, Colour c)
 {
-#define BIN(value) ((value) * BINS >> 8)
-#define ENTRY(l) \
-    table[(BIN(pixel[3 * 0x##l]) * BINS + BIN(pixel[3 * 0x##l + 1])) * BINS + \
-          BIN(pixel[3 * 0x##l + 2])]
-    return PACK_OF(vint, ENTRY);
-#undef ENTRY
+    const vint b = TO_INT(c.b) * BINS >> 8, g = TO_INT(c.g) * BINS >> 8, r = TO_INT(c.r) * BINS >> 8;
+    return look_up(table, (b * BINS + g) * BINS + r);
 }
 
 static inline vfloat luma_of(Colour c) { return 0.114f * c.b + 0.587f * c.g + 0.299f * c.r; }
@@ -124,7 +120,7 @@ __kernel void log_ratio(int2 picture, __global const uchar *restrict images,
 
     const vfloat uniform_ratio = LOAD_PACK(plane + 6 * PIXELS) - own[10] - 0.5f * nearest;
     const int cells = (view * CELLS_Y + y / CELL) * CELLS_X;
-    const vint known = by_colour(colours, colour) + by_cell(picture, location + cells, x);
+    const vint known = by_colour(colours, shown) + by_cell(picture, location + cells, x);
     const vchar counts = in_counts(STEPS * uniform_ratio - TO_FLOAT(known));
     STORE_PACK(TO_CHAR(in_picture(sizes, view, x, y) ? TO_INT(counts) : 0),
                ratios + ratio_place(picture, view, x, y));
@@ -143,9 +139,7 @@ static inline vchar evidence_of(int2 picture, __global const char *ratios,
 #pragma unroll
         for (int column = -1; column <= 1; ++column)
             sum += TO_INT(LOAD_PACK(middle + SUM_REACH * (row * (WIDTH + 2) + column)));
-#define EVIDENCE(l) table[LANE_OF(sum, l)]
-    const vint counts = PACK_OF(vint, EVIDENCE);
-#undef EVIDENCE
+    const vint counts = look_up(table, sum);
     return TO_CHAR(in_picture(sizes, view, x, y) ? counts : 0);
 }
 
@@ -243,7 +237,7 @@ __kernel void rim(int2 picture, __global const uchar *restrict images, __global 
             __global const uchar *colour = images + 3 * here;
             const vfloat ratio = mixed(picture, colour, background + (size_t)(7 * view) * PIXELS + here,
                                        evidence + here, light + LIGHT_FLOATS * view, x, y) -
-                                 TO_FLOAT(by_colour(colours, colour) +
+                                 TO_FLOAT(by_colour(colours, colour_of(colour)) +
                                           by_cell(picture, location + cells, x));
             __global char *old = ratios + ratio_place(picture, view, x, y);
             const vchar counts = in_counts(ratio);
@@ -301,9 +295,7 @@ __kernel void smoothed_evidence(int2 picture, __global const uchar *restrict sho
             weights += weight;
         }
     const vint place = TO_INT(9.0f * (sum / weights) - 9 * LOWEST + 0.5f);
-#define EVIDENCE(l) table[LANE_OF(place, l)]
-    const vint counts = PACK_OF(vint, EVIDENCE);
-#undef EVIDENCE
+    const vint counts = look_up(table, place);
     __global char *out = evidence + view * PIXELS + y * WIDTH + x;
     const vint leftmost = (x + LANE_NUMBERS) / SPAN == x / SPAN;
     const vint near = (leftmost ? (vint)left : (vint)right) > 0;

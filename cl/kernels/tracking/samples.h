@@ -87,9 +87,7 @@ static inline void take_sample(__global const float *camera, __global const ucha
 {
     const vint inside = (x >= 0.0f) & (y >= 0.0f) & (x < camera[23]) & (y < camera[24]);
     const vint pixel = inside ? 2 * (TO_INT(y) * width + TO_INT(x)) : 0;
-#define PIXEL(l) channel[LANE_OF(pixel, l)]
-    const vint value = PACK_OF(vint, PIXEL);
-#undef PIXEL
+    const vint value = look_up(channel, pixel);
     *error += inside ? 255 - value : 0;
     *count += inside & 1;
 }
@@ -135,12 +133,8 @@ static inline void take_colour(__global const float *camera, __global const ucha
 {
     const vint inside = (x >= 0.0f) & (y >= 0.0f) & (x < camera[23]) & (y < camera[24]);
     const vint pixel = inside ? TO_INT(y) * width + TO_INT(x) : 0;
-#define CODE(l) codes[LANE_OF(pixel, l)]
-    const vint code = PACK_OF(vint, CODE);
-#undef CODE
-#define RATIO(l) ratios[LANE_OF(code, l)]
-    const vint value = PACK_OF(vint, RATIO);
-#undef RATIO
+    const vint code = look_up(codes, pixel);
+    const vint value = look_up(ratios, code);
     const vint coloured = inside & visible & (code != HIDDEN_CODE);
     sums->inside += (inside & (code == NO_CODE)) ? 255 : 0;
     sums->n_inside += inside & 1;
@@ -164,9 +158,7 @@ static inline void take_contour(__global const float *camera, picture_cues cues,
     const vint inside =
         visible & (x >= 0.0f) & (y >= 0.0f) & (x < camera[23]) & (y < camera[24]);
     const vint pixel = inside ? normal * cues.n_pixels + TO_INT(y) * width + TO_INT(x) : 0;
-#define FOUND(l) cues.contours[LANE_OF(pixel, l)]
-    const vint value = PACK_OF(vint, FOUND);
-#undef FOUND
+    const vint value = look_up(cues.contours, pixel);
     sums->contour += inside ? value : 0;
     sums->n_contour += inside & 1;
 }
