@@ -43,6 +43,8 @@ _PALETTE_COLOURS, _LEAST_PIXELS = 48, 500
 DECAY, RARE, BOUND, LEAST_SAMPLES = 0.97, 0.004, 2.0, 60.0
 #: Number of pixels from which a palette is made: more pixels change it little.
 _PALETTE_PIXELS = 4096
+#: Pixels that an item of a CPU encodes.
+_STRIP = 64
 
 
 def list_part_names(body: BodyModel) -> list[str]:
@@ -145,10 +147,11 @@ class PartColours(Term):
     def __init__(self, shared: Shared, settings: PartColourConfig) -> None:
         device, body, rig = shared.scene.opencl, shared.scene.body, shared.scene.rig
         n_parts, self._group = len(list_part_names(body)), pack_defines(device, WIDE_GROUP)["GROUP"]
+        self._strip = 1 if device.is_gpu else _STRIP
         super().__init__(
             device, PACK=1, GROUP=self._group, N_CODES=N_CODES, **body_defines(body),
-            N_PARTS=n_parts, ROWS=ROWS, COLUMNS=COLUMNS, RATIO_STEPS=RATIO_STEPS, **rig.defines,
-            **CONE_DEFINES,
+            N_PARTS=n_parts, ROWS=ROWS, COLUMNS=COLUMNS, RATIO_STEPS=RATIO_STEPS, STRIP=self._strip,
+            **rig.defines, **CONE_DEFINES,
         )  # fmt: skip
         self.settings, self._maps, self._rig = settings, shared.maps, rig
         self._cameras = shared.cameras
@@ -197,7 +200,7 @@ class PartColours(Term):
         n_pixels = int(np.prod(self.codes.shape))
         return self.launch(
             "encode_colours",
-            (n_pixels,),
+            (-(-n_pixels // self._strip),),
             (256 if self.device.is_gpu else 64,),
             n_pixels=n_pixels,
             maps=self._maps,

@@ -172,7 +172,7 @@ class Foreground:
             ),
             launch(
                 "colour_table",
-                (BINS**3 + 1,),
+                (BINS**3 // int(defines["ROW"]),),
                 (64,),
                 counts=self._counts,
                 memory=self._memory,
@@ -187,6 +187,7 @@ class Foreground:
         return {
             **self._rig.defines,
             **{"CELL": CELL, "BINS": BINS, "REACH": config.reach},
+            "ROW": 1 if self._device.is_gpu else BINS,
             "MIN_SURFACE": config.min_surface,
             **{"KEEP": float(config.keep), "UNIFORM": float(config.uniform)},
             "PRIOR": float(config.prior_samples),

@@ -1,10 +1,11 @@
 // What the reconstructed person teaches about the next frame (psfs/silhouettes/appearance.py): the
 // colours that he wears, and the location prior, by where he was; twin: reference/appearance.py.
 // Cells are CELL x CELL pixels.
-// Defines: CELL; REACH (cells); BINS per channel; MIN_SURFACE; KEEP; UNIFORM; PRIOR; STEPS (table entries per nat).
+// Defines: CELL; REACH (cells); BINS per channel; ROW of these; MIN_SURFACE; KEEP; UNIFORM; PRIOR; STEPS (table
+// entries per nat).
 #if !defined(BINS) || !defined(CAMERA_FLOATS) || !defined(CELL) || !defined(KEEP) || \
-    !defined(MIN_SURFACE) || !defined(PRIOR) || !defined(REACH) || !defined(STEPS) || !defined(UNIFORM)
-#error "reconstruction/appearance.cl needs BINS, CAMERA_FLOATS, CELL, KEEP, MIN_SURFACE, PRIOR, REACH, STEPS and UNIFORM"
+    !defined(MIN_SURFACE) || !defined(PRIOR) || !defined(REACH) || !defined(ROW) || !defined(STEPS) || !defined(UNIFORM)
+#error "reconstruction/appearance.cl needs BINS, CAMERA_FLOATS, CELL, KEEP, MIN_SURFACE, PRIOR, REACH, ROW, STEPS and UNIFORM"
 #endif
 #include "common/camera.h"
 #include "reconstruction/cells.h"
@@ -79,30 +80,37 @@ __kernel void fade(int most, __global const int *restrict counts, __global float
 // Log density of the person's colours over the uniform one, in 1 / STEPS nats. The histogram is
 // blurred by (1 2 1) / 4 along each channel, mixed with PRIOR samples of every colour alike, and
 // keeps a share UNIFORM of colours never seen. The counts and the n_marks marks are cleared for the
-// next frame.
+// next frame. An item has ROW bins along the last channel.
 __kernel void colour_table(__global const float *restrict memory, __global char *restrict table,
                            __global int *restrict counts, int n_marks, __global uchar *restrict marks)
 {
-    const int bin = get_global_id(0);
-    for (int i = bin; i < n_marks; i += get_global_size(0)) marks[i] = 0;
-    if (bin <= N_BINS) counts[bin] = 0;
-    if (bin >= N_BINS) return;
-    const int b = bin / (BINS * BINS), g = bin / BINS % BINS, r = bin % BINS;
-    float sum = 0.0f;
+    const int item = get_global_id(0), first = ROW * item;
+    for (int i = item; i < n_marks; i += get_global_size(0)) marks[i] = 0;
+    if (item == 0) counts[N_BINS] = 0;
+    if (first >= N_BINS) return;
+    const int b = first / (BINS * BINS), g = first / BINS % BINS, r = first % BINS;
+    float sums[ROW], near[ROW + 2];
+    for (int k = 0; k < ROW; ++k) sums[k] = 0.0f;
 #pragma unroll
     for (int db = -1; db <= 1; ++db)
 #pragma unroll
-        for (int dg = -1; dg <= 1; ++dg)
+        for (int dg = -1; dg <= 1; ++dg) {
+            if (b + db < 0 || g + dg < 0 || b + db >= BINS || g + dg >= BINS) continue;
+            __global const float *row = memory + first + (db * BINS + dg) * BINS;
+            near[0] = r > 0 ? row[-1] : 0.0f;
+            for (int k = 0; k < ROW; ++k) near[k + 1] = row[k];
+            near[ROW + 1] = r + ROW < BINS ? row[ROW] : 0.0f;
 #pragma unroll
             for (int dr = -1; dr <= 1; ++dr) {
-                // Without a branch, so that compilers for CPUs vectorise it.
-                const int i = b + db, j = g + dg, k = r + dr;
-                const int inside = (i >= 0) & (j >= 0) & (k >= 0) & (i < BINS) & (j < BINS) & (k < BINS);
-                const int weight = (2 - abs(db)) * (2 - abs(dg)) * (2 - abs(dr));
-                sum += (float)(inside * weight) * memory[inside ? bin + (db * BINS + dg) * BINS + dr : 0];
+                const float weight = (2 - abs(db)) * (2 - abs(dg)) * (2 - abs(dr));
+                for (int k = 0; k < ROW; ++k) sums[k] += weight * near[k + dr + 1];
             }
-    const float samples = sum / 64.0f * N_BINS;
-    const float density = (PRIOR + samples) / (PRIOR + memory[N_BINS]);
-    const float nats = log(UNIFORM + (1.0f - UNIFORM) * density);
-    table[bin] = (char)rint(fmin(STEPS * nats, 127.0f));
+        }
+    for (int k = 0; k < ROW; ++k) {
+        const float samples = sums[k] / 64.0f * N_BINS;
+        const float density = (PRIOR + samples) / (PRIOR + memory[N_BINS]);
+        const float nats = log(UNIFORM + (1.0f - UNIFORM) * density);
+        table[first + k] = (char)rint(fmin(STEPS * nats, 127.0f));
+        counts[first + k] = 0;
+    }
 }

@@ -46,13 +46,17 @@ __kernel void floor_light(int2 picture, float floor, __global const float *restr
     const int x = column < 1 ? 0 : column > CELLS_X ? CELLS_X - 1 : column - 1;
     const int y = row < 1 ? 0 : row > CELLS_Y ? CELLS_Y - 1 : row - 1;
     const float2 point = points[(view * CELLS_Y + y) * CELLS_X + x];
-    const int on_floor = point.x == point.x;
+    const int at = (view * (CELLS_Y + 2) + row) * (CELLS_X + 2) + column;
+    if (point.x != point.x) {
+        floor_light[at] = 2 * 127;
+        return;
+    }
     const int middle_x = CELL * x + CELL / 2 < WIDTH ? CELL * x + CELL / 2 : WIDTH - 1;
     const int middle_y = CELL * y + CELL / 2 < HEIGHT ? CELL * y + CELL / 2 : HEIGHT - 1;
     float left;
     const float own =
         light_factor(picture, images, background, light, view, middle_x, middle_y, &left);
-    const int asks = on_floor && (own <= FLOOR_LIT || left >= FLOOR_LEFT);
+    const int asks = own <= FLOOR_LIT || left >= FLOOR_LEFT;
     int asked = 0;
     float nearest = 1.0f, second = 1.0f, nearest_off = 1e9f, second_off = 1e9f;
     for (int other = 0; asks && other < (int)get_global_size(2); ++other) {
@@ -78,5 +82,5 @@ __kernel void floor_light(int2 picture, float floor, __global const float *restr
     }
     const float agreed = asked >= FLOOR_ENOUGH ? second : nearest;
     const int steps = (int)(127.0f * within(agreed, 0.0f, 1.0f) + 0.5f);
-    floor_light[(view * (CELLS_Y + 2) + row) * (CELLS_X + 2) + column] = 2 * steps + on_floor;
+    floor_light[at] = 2 * steps + 1;
 }

@@ -2,10 +2,10 @@
 // Colours are codes: numbers of the nearest of a palette's colours, NO_CODE outside the silhouettes,
 // HIDDEN_CODE inside where the person is hidden.
 // Defines: those of kinematics.h, PACK 1; N_CODES, at most 256; N_PARTS; ROWS and COLUMNS of samples
-// on a cone; RATIO_STEPS.
+// on a cone; RATIO_STEPS; STRIP.
 #if !defined(CAMERA_FLOATS) || !defined(COLUMNS) || !defined(FAR_OUT) || !defined(N_CODES) || \
-    !defined(N_PARTS) || !defined(RATIO_STEPS) || !defined(ROWS)
-#error "tracking/part_colour.cl needs CAMERA_FLOATS, COLUMNS, FAR_OUT, N_CODES, N_PARTS, RATIO_STEPS and ROWS"
+    !defined(N_PARTS) || !defined(RATIO_STEPS) || !defined(ROWS) || !defined(STRIP)
+#error "tracking/part_colour.cl needs CAMERA_FLOATS, COLUMNS, FAR_OUT, N_CODES, N_PARTS, RATIO_STEPS, ROWS and STRIP"
 #endif
 #include "common/camera.h"
 #include "common/cones.h"
@@ -13,20 +13,25 @@
 #include "tracking/codes.h"
 
 // Codes (V, H, W) of pictures (V, H, W, 3) BGR inside the silhouettes, the first channel of maps
-// (V, H, W, 2); palette: the code of every colour of 5 bits per channel.
+// (V, H, W, 2); palette: the code of every colour of 5 bits per channel. An item has STRIP pixels:
+// most strips show nobody.
 __kernel void encode_colours(int n_pixels, __global const uchar *maps,
                              __global const uchar *pictures, __global const uchar *palette,
                              __global uchar *codes)
 {
-    const int at = get_global_id(0);
-    if (at >= n_pixels) return;
-    const uchar shown = maps[2 * (size_t)at];
-    uchar code = shown == 254 ? HIDDEN_CODE : NO_CODE;
-    if (shown == 255) {
-        const uchar3 colour = vload3(at, pictures);
-        code = palette[(colour.x >> 3) << 10 | (colour.y >> 3) << 5 | colour.z >> 3];
+    const int first = STRIP * get_global_id(0), end = min(first + STRIP, n_pixels);
+    uchar any = 0;
+    for (int at = first; at < end; ++at) {
+        any |= maps[2 * (size_t)at];
+        codes[at] = NO_CODE;
     }
-    codes[at] = code;
+    for (int at = any ? first : end; at < end; ++at) {
+        const uchar shown = maps[2 * (size_t)at];
+        if (shown == 254) codes[at] = HIDDEN_CODE;
+        if (shown != 255) continue;
+        const uchar3 colour = vload3(at, pictures);
+        codes[at] = palette[(colour.x >> 3) << 10 | (colour.y >> 3) << 5 | colour.z >> 3];
+    }
 }
 
 // Signs by which a point tells which side of the line from `a` to `b` it is on.
