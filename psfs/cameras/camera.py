@@ -342,9 +342,9 @@ class CameraRig:
         )
 
     @property
-    def blur(self) -> int:
-        """Standard deviation of the calibration's error, whole px: the largest of the cameras."""
-        return round(max(camera.blur for camera in self))
+    def blur(self) -> float:
+        """Standard deviation of the calibration's error, px: the largest of the cameras."""
+        return max(camera.blur for camera in self)
 
     @property
     def picture(self) -> tuple[int, int]:

@@ -90,7 +90,7 @@ def occupancy(
     A camera from which something hides a voxel (`UNKNOWN`) adds `HIDDEN`. body: the counts (N,)
     that a tracked body adds to voxels at points (N, 3); the sum is limited as the table is.
     """
-    evidence = blur(evidence, rig.blur)
+    evidence = blur(evidence, config.reach_px(rig.blur))
     padded = padded_grid(grid)
     centres = padded.centres()
     total = np.zeros(len(centres))

@@ -33,9 +33,9 @@ _REACH_FLOATS = 8
 class Bricks:
     """Inputs that the occupancy kernels of one grid share: maps, tables, tiles and definitions.
 
-    evidence: (V, H, W) int8 in counts of `step` nats. If the rig has a `blur`, the evidence reaches
-    as far: limbs that are thinner than the error of the calibration are not carved away (kernel:
-    blur.cl; twin: `psfs.reference.surface.blur`). body: a tracked body by
+    evidence: (V, H, W) int8 in counts of `step` nats. It reaches a pixel, and farther if the rig
+    has a `blur`, see `OccupancyConfig.reach_px`: limbs thinner than that are not carved away
+    (kernel: blur.cl; twin: `psfs.reference.surface.blur`). body: a tracked body by
     `psfs.voxels.body_prior.pack_body`, if there is one. A call enqueues the computation of the
     tiles: least and greatest evidence count of each.
     """
@@ -55,11 +55,11 @@ class Bricks:
         config = config or OccupancyConfig()
         self.device, self.shape = device, grid.shape
         self._launches, self.evidence = list[Launch](), evidence
-        if rig.blur:
+        if px := config.reach_px(rig.blur):
             self.evidence = device.empty(evidence.shape, np.int8, "the blurred evidence")
             pack = 1 if device.is_gpu else _BLUR_PACK
             kernel = device.kernel(
-                "reconstruction/blur", "blur", BLUR=rig.blur, PACK=pack, UNKNOWN=UNKNOWN,
+                "reconstruction/blur", "blur", BLUR=px, PACK=pack, UNKNOWN=UNKNOWN,
                 **size_defines(device, rig.picture),
             )  # fmt: skip
             blur = device.launch(

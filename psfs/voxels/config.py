@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Literal
 
 from psfs.common.config import Config, part, setting
@@ -36,6 +37,13 @@ class OccupancyConfig(Config):
         "of the cameras, but at least three, or all if there are fewer.",
         "the share grows with the rig",
     )
+    reach: float = setting(
+        1.0,
+        "Distance in the pictures up to which evidence reaches: pixels at outlines are only partly "
+        "covered, so thin limbs are carved away by them. More where the calibration is off.",
+        "to a pixel outlines are known",
+        least=0,
+    )
     closed_surface: bool = setting(
         True,
         "Whether voxels with an empty neighbour at an edge or corner belong to the surface, whose "
@@ -50,6 +58,11 @@ class OccupancyConfig(Config):
         if self.min_cameras is not None:
             return self.min_cameras
         return required_cameras(n_cameras, 0.5, 3)
+
+    def reach_px(self, blur: float) -> int:
+        """Return the reach of evidence, whole px, in pictures whose calibration's error has the
+        standard deviation `blur`, px."""
+        return round(math.hypot(self.reach, blur))
 
     def probabilities(self, n_cameras: int, step: float) -> np.ndarray:
         """Return the occupancy for every sum of evidence counts from -127 V to 127 V, (254 V + 1,).

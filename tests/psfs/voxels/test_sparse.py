@@ -137,11 +137,10 @@ def test_most_bricks_are_left_out(device: Device) -> None:
 @pytest.mark.parity("reconstruction/tiles.evidence_tiles")
 def test_tiles_hold_the_extremes(device: Device) -> None:
     rig = scenes.ring(3)
-    evidence = evidence_of(rig, 3, 3)
-    maps = device.to_device(evidence)
+    maps = device.to_device(evidence_of(rig, 3, 3))
     bricks = Bricks(device, rig, scenes.small_grid(), maps, STEP)
     bricks()
-    tiles = bricks.tiles.get()
+    evidence, tiles = bricks.evidence.get(), bricks.tiles.get()
     at = 0
     for edge in (8, 32):
         for y in range(0, rig.height, edge):
@@ -242,9 +241,10 @@ def blurred(rig: CameraRig, px: float) -> CameraRig:
 
 
 @pytest.mark.parity("reconstruction/blur.blur")
-@pytest.mark.parametrize("px", [1, 3])
-def test_blurred_evidence(device: Device, px: int) -> None:
-    rig = blurred(scenes.ring(3), px)
+@pytest.mark.parametrize(("off", "px"), [(0.0, 1), (1.2, 2), (3.0, 3)])
+def test_blurred_evidence(device: Device, off: float, px: int) -> None:
+    """Evidence reaches a pixel, and farther where the calibration is off."""
+    rig = blurred(scenes.ring(3), off)
     evidence = evidence_of(rig, 5, 7)
     evidence[:, 10:30, 5:40][evidence[:, 10:30, 5:40] < 0] = UNKNOWN
     bricks = Bricks(device, rig, scenes.small_grid(), device.to_device(evidence), STEP)
@@ -264,10 +264,10 @@ def test_thin_limbs_survive_cameras_that_are_off(device: Device) -> None:
         _, row, column, _ = camera.look_up(rod)
         evidence[view, row, column + 2 * (view % 2)] = 14
     n_voxels = []
-    for px in (0, 2):
-        surface = SparseSurface(
-            Bricks(device, blurred(rig, px), grid, device.to_device(evidence), STEP)
-        )
+    for px in (0, 1, 2):
+        maps, off = device.to_device(evidence), blurred(rig, px)
+        config = OccupancyConfig(reach=min(px, 1))
+        surface = SparseSurface(Bricks(device, off, grid, maps, STEP, config))
         surface()
         n_voxels.append(len(surface.download()[0]))
-    assert n_voxels[0] == 0 and n_voxels[1] > 10
+    assert n_voxels[0] == 0 and n_voxels[2] > 10
