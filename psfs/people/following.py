@@ -34,8 +34,6 @@ _CHANGE = 0.7
 _AXIS_WEIGHT, _NEWEST = 0.5, 0.5
 #: Least volume, as share of the usual one, that shows that a person is there.
 PRESENT = 0.35
-#: Share of frames that must show as many heads, where people touch in all of them.
-_HEADS = 0.8
 #: Shares of a region's height above which heads may rise apart from each other: people differ in
 #: height. Columns of voxels that a head has at least.
 _NECKS, _LEAST_HEAD = (0.8, 0.85, 0.9), 4
@@ -370,7 +368,7 @@ def count_heads(frames: list[CoarseFrame], grid: VoxelGrid) -> int | None:
 def count_at_once(frames: list[CoarseFrame], grid: VoxelGrid) -> int:
     """Return how many people most frames show at once, each with a head and enough of a body."""
     heads = [_count_heads(frame, grid) for frame in frames]
-    return int(np.quantile(heads, 1 - _HEADS, method="lower")) if heads else 0
+    return int(np.median(heads)) if heads else 0
 
 
 def _count_heads(frame: CoarseFrame, grid: VoxelGrid) -> int:

@@ -95,7 +95,7 @@ def walker(x: float, top: float) -> np.ndarray:
     return column(x, 0, high=0.8 * top) | (head & (PLACES[:, 2] < top))
 
 
-@pytest.mark.parametrize(("shown", "people"), [(8, 2), (6, 1)])
+@pytest.mark.parametrize(("shown", "people"), [(5, 2), (3, 1)])
 def test_heads_tell_how_many_touch_all_the_time(shown: int, people: int) -> None:
     frames = [
         frame(n, walker(0.08 * n - 0.56, 1.8), walker(0.08 * n - 0.08, 1.65 if n < shown else 1.2))
