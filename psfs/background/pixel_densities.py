@@ -21,6 +21,9 @@ _LEAST_STD, _EXTRAPOLATED_STD = 5.0, 10.0
 _SHADE = 0.06
 #: Share of every density that is another: what no model explains.
 _UNEXPLAINED = 0.05
+#: Squared distance, standard deviations, from which densities are next to nothing beside what is
+#: unexplained: exponentials of larger ones are slow.
+_FARTHEST = 100.0
 #: Bound of the evidence of a single pixel, nats.
 _LIMIT = 4.0
 
@@ -78,7 +81,8 @@ class PixelDensities:
         from_median: bool,
     ) -> None:
         self._region, self._shape = region, frames.shape[:3]
-        self._frames, self._film = frames[:, region], film
+        self._pixels, self._film = np.flatnonzero(region), film
+        self._frames = frames.reshape(len(frames), -1, 3).take(self._pixels, axis=1)
         self._shown = np.moveaxis(self._frames, -1, 0).astype(np.float32, "C")
         self._bins = colour_bins(self._frames)
         self._around = _find_surroundings(cv2.blur(moments[0], (3, 3)), region)
@@ -92,7 +96,7 @@ class PixelDensities:
         """Learn the background from the frames in which a pixel is not `covered` (n, h, w). Return
         the histogram of those that are, see `count_colours`."""
         region = self._region
-        learnt = masked_moments(self._frames, covered[:, region])
+        learnt = masked_moments(self._frames, self._inside(covered))
         for values, new in zip((*self._moments, self._count), learnt, strict=True):
             values[region] = new
         self._update()
@@ -125,9 +129,13 @@ class PixelDensities:
         share = (1 - _UNEXPLAINED) * N_BINS / max(float(cube.sum()), 1e-6)
         self._person = (share * cube.ravel() + _UNEXPLAINED).astype(np.float32)
 
+    def _inside(self, pictures: np.ndarray) -> np.ndarray:
+        """Return the region's pixels (n, pixels) of pictures (n, h, w)."""
+        return pictures.reshape(len(pictures), -1).take(self._pixels, axis=1)
+
     def count_colours(self, covered: np.ndarray) -> np.ndarray:
         """Return the histogram (N_BINS,) of the pixels that are `covered` (n, h, w)."""
-        return np.bincount(self._bins[covered[:, self._region]], minlength=N_BINS)
+        return np.bincount(self._bins[self._inside(covered)], minlength=N_BINS)
 
     def evidence(self) -> np.ndarray:
         """Return (n, h, w) float32: the log ratio, person over background, the mean over 3 x 3
@@ -168,19 +176,27 @@ def _background_density(shown: np.ndarray, mean: np.ndarray, std: np.ndarray) ->
     of these moments (pixels, 3), brighter or darker."""
     light, weight = BackgroundConfig(), np.maximum(std, _LEAST_STD) ** -2
     lit = weight * mean
-    factor = sum(colour * own for colour, own in zip(shown, lit.T.copy(), strict=True))
+    factor, rest = np.zeros((2, *shown.shape[1:]), np.float32)  # in place: new arrays are slow
+    for colour, own in zip(shown, lit.T.copy(), strict=True):
+        factor += np.multiply(colour, own, out=rest)
     factor /= (lit * mean).sum(-1) + 1e-6
-    factor = np.clip(factor, light.shadow_low, light.shadow_high)
+    np.clip(factor, light.shadow_low, light.shadow_high, out=factor)
     distance = np.zeros_like(factor)
     for colour, own, sure in zip(shown, mean.T.copy(), weight.T.copy(), strict=True):
-        rest = factor * own
+        np.multiply(factor, own, out=rest)
         np.subtract(colour, rest, out=rest)
         rest *= rest
         rest *= sure
         distance += rest
-    distance += ((1 - factor) / _SHADE) ** 2
-    peak = 256**3 * (2 * np.pi) ** -1.5 * np.sqrt(weight.prod(-1))
-    return np.asarray(peak * np.exp(-0.5 * distance), np.float32)
+    np.subtract(1, factor, out=rest)
+    rest /= _SHADE
+    rest *= rest
+    distance += rest
+    np.minimum(distance, _FARTHEST, out=distance)
+    distance *= -0.5
+    density = np.exp(distance, out=distance)
+    density *= 256**3 * (2 * np.pi) ** -1.5 * np.sqrt(weight.prod(-1))
+    return density
 
 
 def _find_surroundings(

@@ -35,5 +35,9 @@ def parse_colour(text: object) -> np.ndarray:
 def colour_bins(colours: np.ndarray, levels: int = 16) -> np.ndarray:
     """Return the number of the bin (...) of colours (..., 3) uint8 or float, with `levels` bins per
     channel, a power of 2."""
-    bins = (colours // (256 // levels)).astype(np.intp)
-    return (bins[..., 0] * levels + bins[..., 1]) * levels + bins[..., 2]
+    steps = colours // (256 // levels)
+    bins = steps[..., 0].astype(np.intp)
+    for channel in (1, 2):
+        bins *= levels
+        bins += steps[..., channel].astype(np.intp)
+    return bins
