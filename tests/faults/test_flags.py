@@ -94,43 +94,44 @@ def placed(stock: Path, words: list[str]) -> list[str]:
     return [*words[:2], *(str(stock / w) if w in names else w for w in words[2:])]
 
 
-@pytest.mark.parametrize(
-    "words",
-    [
-        ["psfs"],
-        ["psfs", "nonsense"],
-        ["apf", "track", "seq"],
-        ["psfs", "info", "seq", "--nonsense"],
-        ["psfs", "info", "seq", "--up", "w"],
-        ["psfs", "info", "seq", "--background", "x"],
-        ["psfs", "info", "seq", "--cameras", "c1,c99"],
-        ["psfs", "info", "seq", "--device", "abacus"],
-        ["psfs", "check", "seq"],
-        ["psfs", "mesh", "track"],
-        ["psfs", "mesh", "out", "-o", "x.png"],
-        ["psfs", "view", "out", "--png", "x.nonsense"],
-        ["apf", "track", "seq", "seq", "-o", "new"],
-        ["apf", "track", "seq", "-o", "new", "--likelihood", "edge=nan"],
-        ["apf", "track", "seq", "-o", "new", "--body", "nobody"],
-        ["apf", "track", "seq", "-o", "new", "--init", "nowhere.txt"],
-        ["apf", "evaluate", "out", "--truth", "truth.npz"],
-        ["apf", "smooth", "track", "-o", "track"],
-        ["apf", "smooth", "nowhere", "-o", "new"],
-        ["apf", "export", "track", "-o", "new", "--to", "fbx"],
-        ["apf", "export", "track", "-o", "new", "--axes", "up"],
-        ["apf", "render", "seq", "track", "-o", "seq"],
-        ["apf", "track", "seq", "-o", "seq"],
-        ["psfs", "reconstruct", "walk", "-o", "walk"],
-        ["apf", "live", "seq", "-o", "seq", "--init", "pose.txt"],
-        ["apf", "live", "seq", "-o", "new", "--init", "pose.txt", "--device", "numpy"],
-        ["apf", "live", "seq", "-o", "new", "--init", "pose.txt", "--captures", "/no/video.mp4"],
-        ["apf", "synth", "-o", "pose.txt"],
-        ["psfs", "reconstruct", "seq", "-o", "pose.txt"],
-    ],
-    ids=" ".join,
-)
-def test_words(original: Path, words: list[str]) -> None:
-    refused(placed(original, words) if len(words) > 1 else words, original)
+#: Words, and what the line says.
+WORDS = {
+    "psfs": "required: COMMAND",
+    "psfs nonsense": "invalid choice: 'nonsense'",
+    "apf track seq": "required: -o/--output",
+    "psfs info seq --nonsense": "unrecognized arguments: --nonsense",
+    "psfs info seq --up w": "up axis 'w'",
+    "psfs info seq --background x": "argument --background: invalid choice: 'x'",
+    "psfs info seq --cameras c1,c99": "seq: no camera c99; the rig has c0,",
+    "psfs info seq --device abacus": "no OpenCL device matches abacus",
+    "psfs check seq": "seq/summary.json: no such file",
+    "psfs mesh track": "track/summary.json: no such file",
+    "psfs mesh out -o x.png": "x.png: expected a name that ends in .ply",
+    "psfs view out --png x.nonsense": "x.nonsense: unknown picture format",
+    "apf track seq seq -o new": "seq is given twice",
+    "apf track seq -o new --likelihood edge=nan": "edge_weight is nan",
+    "apf track seq -o new --body nobody": "nobody: no body model",
+    "apf track seq -o new --init nowhere.txt": "nowhere.txt: no such file",
+    "apf evaluate out --truth truth.npz": "out/track.npz: no such file",
+    "apf smooth track -o track": "which is read",
+    "apf smooth nowhere -o new": "nowhere: no such file",
+    "apf export track -o new --to fbx": "argument --to: invalid choice: 'fbx'",
+    "apf export track -o new --axes up": "argument --axes: invalid choice: 'up'",
+    "apf render seq track -o seq": "which is read",
+    "apf track seq -o seq": "which is read",
+    "psfs reconstruct walk -o walk": "which is read",
+    "apf live seq -o seq --init pose.txt": "which is read",
+    "apf live seq -o new --init pose.txt --device numpy": "--device numpy is no device for live",
+    "apf live seq -o new --init pose.txt --captures /no/a /no/b /no/c /no/d /no/e": "/no/a: ",
+    "apf live seq -o new --init pose.txt --captures /no/a": "1 captures (/no/a); expected 5",
+    "apf synth -o pose.txt": "pose.txt: is a file",
+    "psfs reconstruct seq -o pose.txt": "pose.txt: is a file",
+}
+
+
+@pytest.mark.parametrize("words", WORDS)
+def test_words(original: Path, words: str) -> None:
+    refused(placed(original, words.split()), original, WORDS[words])
 
 
 LOOP = "loop"
@@ -147,6 +148,16 @@ PATHS = {
     "a device": "/dev/null",
     "a process's file": "/proc/self/mem",
     "below a file": "pose.txt/x",
+}
+#: How lines show those that they do not show as they are.
+SHOWN = {
+    "5000 characters": "x" * 100,
+    "NUL": "holds the character NUL",
+    "a line break": "a b",
+    "an escape": r"a\x1b[31mb",
+    "no UTF-8": r"\udcff\udcfe",
+    "empty": "is empty",
+    "a process's file": "/mem",
 }
 TAKERS = [
     ["psfs", "info", "{}"],
@@ -180,7 +191,7 @@ def test_paths_that_are_read(stock: Path, kind: str) -> None:
             continue  # no settings
         if kind == "empty" and words[1] in ("check", "mesh", "view", "smooth", "export"):
             continue  # the folder one is in
-        refused([word.format(PATHS[kind]) for word in words], stock)
+        refused([w.format(PATHS[kind]) for w in words], stock, SHOWN.get(kind, PATHS[kind]))
 
 
 WRITERS = [
@@ -214,8 +225,10 @@ def test_strange_names_are_written(stock: Path, kind: str) -> None:
 @pytest.mark.parametrize("kind", [k for k in PATHS if k not in NAMES and k != "empty"])
 def test_names_that_cannot_be_written(stock: Path, kind: str) -> None:
     (stock / LOOP).symlink_to(stock / LOOP)
+    there = kind in ("a loop", "a device", "a process's file")
     for words in WRITERS[1:]:  # the slow one is tried with folders
-        refused([*words, PATHS[kind]], stock)
+        ending = ".png" if words[-1] == "--png" and not there else ""
+        refused([*words, PATHS[kind] + ending], stock, SHOWN.get(kind, PATHS[kind]))
 
 
 def test_a_sequence_of_strange_names(stock: Path) -> None:

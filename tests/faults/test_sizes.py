@@ -37,7 +37,7 @@ PICKLES = {
 def test_pickles(tmp_path: Path, kind: str) -> None:
     path = tmp_path / "c1_keypoints.pkl"
     path.write_bytes(PICKLES[kind]())
-    with limited_memory(2**30), pytest.raises(InputError, match=r"c1_keypoints\.pkl|camera \."):
+    with limited_memory(2**30), pytest.raises(InputError, match=r"c1_keypoints\.pkl: "):
         read_raw(path)
 
 

@@ -24,7 +24,6 @@ NUMBERS: dict[str, Any] = {
     "no width": ("size", [0, 48], "size 0 x 48"),
     "half a pixel": ("size", [64.5, 48], "whole numbers"),
     "a huge picture": ("size", [100_000, 100_000], "size 100000 x 100000"),
-    "another size": ("size", [640, 480], "64 x 48"),
     "far away": ("translation", [1e10, 0, 0], "expected up to"),
     "no rotation": ("rotation", [[2, 0, 0], [0, 1, 0], [0, 0, 1]], "not a rotation"),
     "eight numbers": ("rotation", [1.0] * 8, "expected 3 (Rodrigues) or 9 (a matrix)"),
@@ -48,7 +47,7 @@ def test_a_camera_that_cannot_be(stock: Path, fault: str) -> None:
     content = tomli_w.dumps(faults.replaced(good, ("cam02", key), value))
     (stock / "walk/calibration.toml").write_text(content)
     words = ["psfs", "info", str(stock / "walk"), "--no-pictures"]
-    refused(words, stock, "calib" if said != "64 x 48" else "cam02.mp4", said)
+    refused(words, stock, "calib", said)
 
 
 @pytest.mark.parametrize("missing", ["matrix", "distortions", "rotation", "translation"])
@@ -103,7 +102,8 @@ BOUNDS = {
 def test_settings_out_of_bounds(stock: Path, key: str) -> None:
     for value in BOUNDS[key]:
         (stock / "walk/sequence.toml").write_text(f"{key} = {value}\n")
-        refused(["psfs", "info", str(stock / "walk"), "--no-pictures"], stock, str(stock))
+        said = "camera" if key == "cameras" else key
+        refused(["psfs", "info", str(stock / "walk"), "--no-pictures"], stock, str(stock), said)
 
 
 def body_words(stock: Path) -> list[str]:

@@ -53,15 +53,6 @@ def write(path: Path, text: str) -> None:
     path.write_text(text)
 
 
-def stretched(folder: Path) -> None:
-    (folder / "calibration.toml").unlink()
-    lines = []
-    for camera in footage.rig(3):
-        values = [*camera.K.ravel(), *(camera.R * [1, 1, 1.1]).ravel(), *camera.t]
-        lines.append(" ".join([camera.name, *map(str, values)]))
-    (folder / "x_par.txt").write_text("\n".join(["3", *lines]))
-
-
 def leave_only_videos(folder: Path) -> None:
     videos = [path.rename(folder.parent / path.name) for path in folder.glob("videos/*")]
     shutil.rmtree(folder)
@@ -81,7 +72,6 @@ PROBLEMS: dict[str, tuple[Callable[[Path], object], str]] = {
         lambda f: cut_after_the_index(f / "videos/cam02.mp4"),
         "of the 40 frames that its header promises",
     ),
-    "empty video": (lambda f: cut(f / "videos/cam02.mp4", 0), "cam02.mp4: cannot be opened"),
     "truncated background": (lambda f: cut(f / "background/cam03.mp4", 0.4), "background/cam03"),
     "3 cameras for 4 videos": (
         lambda f: shutil.copy(f / "videos/cam01.mp4", f / "videos/cam04.mp4"),
@@ -89,7 +79,6 @@ PROBLEMS: dict[str, tuple[Callable[[Path], object], str]] = {
     ),
     "3 cameras for 2 videos": (lambda f: (f / "videos/cam01.mp4").unlink(), "for 3 cameras"),
     "a background is missing": (lambda f: (f / "background/cam01.mp4").unlink(), "background"),
-    "not a rotation": (stretched, "R is not a rotation"),
     "NaN": (
         lambda f: edit(f, lambda t: t["cam01"].update(translation=[0.0, float("nan"), 1.0])),
         "calibration.toml: camera cam01: translation holds a number that is not finite",

@@ -40,7 +40,7 @@ def test_settings_are_those_of_the_tree() -> None:
         "method": {"filter": {"search": {"n_particles": 120}}, "recover": False}
     }
     for path, value in ((particles, "-3"), (particles, "many"), (particles, "1.5")):
-        with pytest.raises(InputError, match="expected"):
+        with pytest.raises(InputError, match=rf"n_particles is '?{value}'?; expected"):
             chosen.set(path, value)
     chosen.set(("method", "recover"), True)
     chosen.set(particles, "200")

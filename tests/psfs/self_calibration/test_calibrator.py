@@ -6,16 +6,22 @@ from functools import cache
 import cv2
 import numpy as np
 import pytest
+from helpers import scenes
 
 from cl import InputError
-from psfs.cameras.camera import Camera, CameraRig
+from psfs.cameras.camera import CameraRig
 from psfs.self_calibration import calibrator
 from psfs.self_calibration.adjustment import (
     Adjusted,
     PersonPoints,
 )
 from psfs.self_calibration.calibrator import adjust_calibration, calibrate_by_person
-from psfs.self_calibration.checks import check_unambiguous, check_uncertainty, measure_uncertainty
+from psfs.self_calibration.checks import (
+    check_fit,
+    check_unambiguous,
+    check_uncertainty,
+    measure_uncertainty,
+)
 from psfs.self_calibration.config import PersonConfig
 from psfs.self_calibration.footage import outline_person
 
@@ -28,13 +34,7 @@ CONFIG = PersonConfig(stature=STATURE, longest_lag=0.35)
 def place(name, azimuth, distance, height):
     """A camera around the origin that looks at the walker's middle."""
     centre = np.array([distance * np.cos(azimuth), distance * np.sin(azimuth), height])
-    forward = np.array([0, 0, 0.9]) - centre
-    forward /= np.linalg.norm(forward)
-    right = np.cross(forward, [0, 0, 1.0])
-    right /= np.linalg.norm(right)
-    R = np.stack([right, np.cross(forward, right), forward])
-    K = np.array([[420.0, 0, 240.0], [0, 420, 180.0], [0, 0, 1]])
-    return Camera(name, K, np.zeros(5), R, -R @ centre, (480, 360))
+    return scenes.pinhole(name, centre, [0, 0, 0.9], (480, 360), 420.0)
 
 
 CAMERAS = [
@@ -135,17 +135,27 @@ def test_a_given_start_is_adjusted_in_its_own_world():
     [
         (4, lambda own: own[:15], r"a: the whole person is in 15 of 15.*film one person"),
         (2, lambda own: own, "2 cameras; expected three or more"),
-        (3, lambda own: own[:50], "film one person"),  # whose last film runs backwards
+        (3, lambda own: own[20:60], "no arrangement of .* fits the silhouettes; film one person"),
         (3, lambda own: [own[50]] * 30, r"hardly moves: .* by 0.0 % .* expected 3 % .*film one"),
     ],
     ids=["seldom seen", "two cameras", "unrelated films", "stands still"],
 )
 def test_films_that_tell_no_cameras_are_refused(views, change, said):
+    """The last of them runs backwards."""
     films = [change(own) for own in outlines()[:views]]
     films[-1] = films[-1][::-1]
     quick = CONFIG.replace(longest_lag=0.1)
     with pytest.raises(InputError, match=said):
         calibrate_by_person(uncalibrated()[:views], films, UNSEEN[:views], RATE, quick)
+
+
+def test_a_film_of_something_else_is_named():
+    """The last camera's runs backwards."""
+    films = [*outlines()[:3], outlines()[3][::-1]]
+    found = Adjusted(CameraRig(tuple(CAMERAS)), np.array(LAGS, float), None)
+    check_fit(found, PersonPoints(CAMERAS, outlines(), CONFIG))
+    with pytest.raises(InputError, match=r"fit no arrangement .* those of d and the other .* px,"):
+        check_fit(found, PersonPoints(CAMERAS, films, CONFIG))
 
 
 def test_somebody_on_a_circle_is_refused():
