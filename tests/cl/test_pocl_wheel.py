@@ -91,11 +91,3 @@ def test_where_no_name_helps_it_is_said_what_to_install(
     monkeypatch.setattr(cl.probe, "try_apart", lambda *_: cl.probe.Probe("it fails"))
     fault = cl.probe.probe(wheel, afresh=True).fault
     assert fault is not None and "[intel]'" in fault and "pocl-opencl-icd" in fault
-
-
-def test_without_a_linker_the_wheel_is_not_tried(
-    wheel: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(pocl_wheel.shutil, "which", lambda name: None)
-    fault = cl.probe.probe(wheel).fault
-    assert fault is not None and "linker" in fault

@@ -121,6 +121,7 @@ def test_a_temporary_cache_that_others_may_write_to_is_not_used(
 def test_kernels_are_launched_without_a_home(tmp_path: Path) -> None:
     """PyOpenCL opens a database in the cache at the first kernel, after the device is listed."""
     places = {"HOME": "/proc/none", "XDG_CACHE_HOME": "", "TMPDIR": str(tmp_path)}
+    places["POCL_CACHE_DIR"] = "/dev/null/x"
     code = "from cl import launch, select_device; select_device('auto'); launch._keep_code()"
     words = [sys.executable, "-c", code]
     done = subprocess.run(words, env={**os.environ, **places}, capture_output=True, text=True)

@@ -21,6 +21,7 @@ from psfs.background.gaussian import (
     median_moments,
 )
 from psfs.common.pictures import read_picture
+from psfs.diagnostics.sequence_info import sequence_info
 from psfs.footage.media import open_media
 from psfs.footage.memory import store
 from psfs.footage.threads import prefetch
@@ -192,6 +193,8 @@ def test_unequal_counts_use_the_shortest(tmp_path: Path) -> None:
     footage.write_video(tmp_path / "videos/cam02.mp4", [50] * 9)
     sequence = Sequence.open(tmp_path)
     assert len(sequence) == len(list(sequence)) == 9
+    (warning,) = sequence_info(sequence).warnings
+    assert warning.startswith("unequal numbers of images: cam01 12, cam02 9, cam03 12; the first 9")
 
 
 def test_settings_file_flags_and_layout(tmp_path: Path) -> None:

@@ -18,9 +18,9 @@ from psfs.voxels.grid import VoxelGrid
 
 
 @pytest.fixture
-def session(walk: Path, device: Device) -> Session:
+def session(small_walk: Path, device: Device) -> Session:
     """The small walk before its background: silhouettes learn, the background drifts."""
-    return Session(Sequence.open(walk), device, SessionSettings(voxel_size=0.05))
+    return Session(Sequence.open(small_walk), device, SessionSettings(voxel_size=0.05))
 
 
 def carved_anew(session: Session, grid: VoxelGrid, indices: range) -> list[CarvedFrame]:
@@ -60,12 +60,12 @@ def test_each_stage_gets_a_reconstructor_that_has_seen_no_frame(session: Session
 def test_frames_carved_by_one_stage_are_kept_for_the_next(
     session: Session, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    grid, wanted = automatic_grid(session), [0, 2, 4]
+    grid, wanted = automatic_grid(session), [0, 2, 3]
     session.keep_carved(wanted)
     reconstruct = session.reconstructor(grid)
     for frame in session.sequence:
         session.record_carved(frame.index, reconstruct(frame))
-    every = carved_anew(session, grid, range(5))
+    every = carved_anew(session, grid, range(4))
     with monkeypatch.context() as patch:
         patch.setattr(Session, "reconstructor", None)  # nothing is reconstructed
         assert_same(list(session.iterate_carved(grid, wanted)), [every[index] for index in wanted])
@@ -80,7 +80,7 @@ def test_kept_frames_take_a_bounded_memory(
 ) -> None:
     monkeypatch.setattr(psfs.session, "KEPT_BYTES", 1)
     grid = automatic_grid(session)
-    session.keep_carved(range(5))
+    session.keep_carved(range(4))
     reconstruct = session.reconstructor(grid)
     for frame in session.sequence:
         session.record_carved(frame.index, reconstruct(frame))
@@ -132,8 +132,8 @@ def test_a_stage_can_revise_the_background(session: Session) -> None:
     assert (before > 0).any() and not (after > 0).any()
 
 
-def test_results_are_kept_and_can_be_replaced(walk: Path) -> None:
-    session = Session(Sequence.open(walk), NumpyDevice())
+def test_results_are_kept_and_can_be_replaced(small_walk: Path) -> None:
+    session = Session(Sequence.open(small_walk), NumpyDevice())
     stated = Volume(np.zeros(3), np.array([1.0, 2.0, 3.0]))
     session.replace_result(find_volume, stated)
     grid = automatic_grid(session)
@@ -144,7 +144,7 @@ def test_results_are_kept_and_can_be_replaced(walk: Path) -> None:
     assert session.with_sequence(session.sequence) is session
 
 
-def test_no_selected_frame(walk: Path) -> None:
+def test_no_selected_frame(small_walk: Path) -> None:
     settings = replace(SessionSettings(), selection=slice(90, None))
-    with pytest.raises(InputError, match="selected frames are none of 5"):
-        find_volume(Session(Sequence.open(walk), NumpyDevice(), settings))
+    with pytest.raises(InputError, match="selected frames are none of 4"):
+        find_volume(Session(Sequence.open(small_walk), NumpyDevice(), settings))

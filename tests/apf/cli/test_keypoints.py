@@ -84,12 +84,12 @@ def folder(tmp_path: Path) -> Path:
             cv2.imwrite(str(path), picture)
         (folder / "background" / camera).mkdir(parents=True)
         for frame in range(3):
-            noise = np.random.default_rng(frame).integers(58, 63, (480, 640, 3)).astype(np.uint8)
-            cv2.imwrite(str(folder / "background" / camera / f"{frame}.png"), noise)
-    calibration = psfs.open_sequence  # sizes are the pictures'
+            noise = np.random.default_rng(frame).integers(58, 63, (48, 64, 3)).astype(np.uint8)
+            path = folder / "background" / camera / f"{frame}.png"
+            cv2.imwrite(str(path), np.tile(noise, (10, 10, 1)))
     text = (folder / "calibration.toml").read_text()
     (folder / "calibration.toml").write_text(text.replace("64.0", "640.0").replace("48.0", "480.0"))
-    assert len(calibration(folder)) == FRAMES
+    assert len(psfs.open_sequence(folder)) == FRAMES  # sizes are the pictures'
     return folder
 
 

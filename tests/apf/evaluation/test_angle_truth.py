@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers import bodies
+from helpers.striders import track_of_poses
 from scipy.spatial.transform import Rotation
 
 from apf.body.anatomy import anatomical_frames
@@ -12,12 +13,12 @@ from apf.body.kinematics import posed_joints
 from apf.body.toml import load_body
 from apf.cli.evaluate import print_angles
 from apf.evaluation.angle_truth import (
+    AngleError,
     evaluate_angles,
     load_true_angles,
     mean_error,
     summarise_angles,
 )
-from apf.tracking.track import Track
 from cl import InputError
 
 SONG = load_body("song31")
@@ -41,16 +42,6 @@ def rig_rest() -> np.ndarray:
     return pose
 
 
-def a_track(poses: np.ndarray) -> Track:
-    n = len(poses)
-    return Track(
-        body_name=SONG.name, dof_names=SONG.dof_names, joint_names=tuple(SONG.joint_names),
-        fps=30.0, frames=np.arange(n), poses=poses, joints=posed_joints(SONG, poses),
-        edges=np.array(SONG.edges), diagnostics={"lost": np.zeros(n, bool)}, provenance="{}",
-        body=SONG,
-    )  # fmt: skip
-
-
 @pytest.fixture
 def truth(tmp_path: Path) -> tuple[Path, np.ndarray]:
     """A file of the rotations of a moving body, and its poses."""
@@ -66,11 +57,17 @@ def truth(tmp_path: Path) -> tuple[Path, np.ndarray]:
     return tmp_path / "truth.npz", poses
 
 
-def test_the_same_motion_has_the_same_angles(truth: tuple[Path, np.ndarray]) -> None:
-    path, poses = truth
+def errors_of(path: Path, poses: np.ndarray) -> dict[str, AngleError]:
+    """Return the errors of a track of these poses, by the angles' names."""
     true_angles = load_true_angles(path)
     assert true_angles is not None
-    errors = {error.name: error for error in evaluate_angles(a_track(poses), true_angles)}
+    track = track_of_poses(SONG, poses, 30.0)
+    return {error.name: error for error in evaluate_angles(track, true_angles)}
+
+
+def test_the_same_motion_has_the_same_angles(truth: tuple[Path, np.ndarray]) -> None:
+    path, poses = truth
+    errors = errors_of(path, poses)
     assert {"l_knee_flexion", "r_hip_flexion", "trunk_flexion", "l_elbow_flexion"} <= set(errors)
     legs = [e for n, e in errors.items() if "knee" in n or "hip" in n or "pelvis" in n]
     assert max(error.rms for error in legs) < 0.1
@@ -87,9 +84,7 @@ def test_an_elbow_bends_about_the_axis_of_its_motion(truth: tuple[Path, np.ndarr
     fore = [list(BONES).index(f"{side}_forearm") for side in "lr"]
     data["bone_rotations"][:, fore] = data["bone_rotations"][:, fore] @ aside.T
     np.savez(path, **data)
-    true_angles = load_true_angles(path)
-    assert true_angles is not None
-    errors = {error.name: error for error in evaluate_angles(a_track(poses), true_angles)}
+    errors = errors_of(path, poses)
     assert errors["l_shoulder_rotation"].free < 0.5 and errors["r_elbow_flexion"].free < 0.5
 
 
@@ -97,12 +92,10 @@ def test_a_bent_knee_shows_in_degrees(
     truth: tuple[Path, np.ndarray], capsys: pytest.CaptureFixture[str]
 ) -> None:
     path, poses = truth
-    true_angles = load_true_angles(path)
-    assert true_angles is not None
     knee = next(k for k, n in enumerate(SONG.dof_names) if n.startswith("l_calf"))
     bent = poses.copy()
     bent[::2, knee] += np.radians(10.0)
-    errors = {error.name: error for error in evaluate_angles(a_track(bent), true_angles)}
+    errors = errors_of(path, bent)
     assert errors["l_knee_flexion"].rms == pytest.approx(10 / np.sqrt(2), abs=0.1)
     assert errors["l_knee_flexion"].free == pytest.approx(5.0, abs=0.1)
     found = list(errors.values())

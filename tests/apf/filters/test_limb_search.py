@@ -54,17 +54,6 @@ class Nearness(Likelihood):
         return [lambda: errors.set(self.rescore(poses.get(), stride).astype(np.float32))]
 
 
-def on_cones(body: BodyModel, pose: np.ndarray, n: int) -> np.ndarray:
-    """Points (n, 3) around the axes of the cones of `pose`, a radius off."""
-    random = np.random.default_rng(3)
-    cones = posed_cones(body, pose[None])[0][random.integers(len(body.cones), size=n)]
-    t, angle = random.uniform(0, 1, (n, 1)), random.uniform(0, 2 * np.pi, (n, 1))
-    sides = [cones[:, k : k + 3] / np.sum(cones[:, k : k + 3] ** 2, 1)[:, None] for k in (8, 12)]
-    radius = cones[:, 3:4] + t * (cones[:, 7:8] - cones[:, 3:4])
-    circle = np.cos(angle) * sides[0] + np.sin(angle) * sides[1]
-    return cones[:, :3] + t * (cones[:, 4:7] - cones[:, :3]) + radius * circle
-
-
 def run_search(
     device: Device, body: BodyModel, likelihood: Any, mean: np.ndarray, config: FilterConfig
 ) -> tuple[np.ndarray, ...]:
@@ -113,7 +102,7 @@ def test_each_kernel_agrees_with_the_twin(device: Device, n_particles: int, n_po
         refinement_steps=1,
     )  # fmt: skip
     pose = bodies.random_poses(body, 1)[0].astype(np.float32)
-    likelihood = Nearness(device, body, on_cones(body, pose, n_points))
+    likelihood = Nearness(device, body, bodies.surface_points(body, pose, n_points))
     likelihood.errors = device.zeros((n_particles,), np.float32)
     mean = np.clip(pose + 2 * body.sigma, body.lower, body.upper).astype(np.float32)
     with (
@@ -153,7 +142,8 @@ def test_a_lost_arm_is_found(device: Device) -> None:
     """Within a few frames; refinement alone leaves it where it is."""
     body = load_body("song31")
     pose, wrist = raised(body), body.joint_names.index("l_wrist")
-    likelihood = Nearness(device, body, on_cones(body, pose, CONFIG.likelihood.n_points))
+    points = bodies.surface_points(body, pose, CONFIG.likelihood.n_points)
+    likelihood = Nearness(device, body, points)
 
     def miss(config: FilterConfig, n_frames: int = 8) -> float:
         found = body.rest_pose

@@ -97,13 +97,14 @@ def test_ends_are_free_where_no_other_cone_is() -> None:
 @pytest.mark.parity("image/parts.place_parts", "image/render.count_pixels")
 @pytest.mark.parametrize("round_ends", [True, False])
 @pytest.mark.parametrize(
-    ("name", "size"), [("song31", (64, 51)), ("song31", (333, 240)), ("stick", (161, 123))]
+    ("name", "size", "n"),
+    [("song31", (64, 51), 8), ("song31", (333, 240), 3), ("stick", (161, 123), 4)],
 )
 def test_pictures_equal_the_twins(
-    device: Device, name: str, size: tuple[int, int], round_ends: bool
+    device: Device, name: str, size: tuple[int, int], n: int, round_ends: bool
 ) -> None:
     body, rig = bodies.named(name), scenes.ring(3, size)
-    poses = bodies.scattered_poses(body, 8)
+    poses = bodies.scattered_poses(body, n)
     rendered.check_pictures(device, body, rig, poses, round_ends=round_ends)
 
 

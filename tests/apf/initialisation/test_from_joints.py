@@ -85,11 +85,5 @@ def test_pose_files(tmp_path: Path) -> None:
     pose = bodies.random_poses(SONG, 1, wild=True)[0]
     path.write_text("\n".join(str(value) for value in pose))
     np.testing.assert_array_equal(read_pose(path, SONG), pose)
-    path.write_text("1.0\n" * 4000)  # as many as of 125 poses
-    with pytest.raises(InputError, match="4000 values; expected 31 finite ones"):
-        read_pose(path, SONG)
     write_pose(path, pose, SONG)
     np.testing.assert_allclose(read_pose(path, SONG), pose, rtol=1e-8)
-    path.write_text(path.read_text().replace(SONG.dof_names[8], "tail.rx"))
-    with pytest.raises(InputError, match=r"value 9 is tail.rx, of another body; expected"):
-        read_pose(path, SONG)

@@ -38,6 +38,7 @@ from psfs.volume import automatic_grid
 from psfs.voxels.grid import VoxelGrid
 
 SIZES = LiveConfig()
+FEW = ["--particles", "48", "--layers", "6"]
 
 
 STAGES = (ACQUISITION, "processing", "tracking")
@@ -72,7 +73,7 @@ def live(folder: Path, out: Path, *more: str) -> int:
 
 def test_a_recording_from_the_command_line(filmed: Path, tmp_path: Path, capfd) -> None:
     out = tmp_path / "out"
-    assert live(filmed, out, "--particles", "48", "--layers", "6") == 0
+    assert live(filmed, out, *FEW) == 0
     names = {path.name for path in out.iterdir()}
     assert names >= {"track.npz", "joints.trc", "joints.csv", "live.json", "timeline.png"}
     track, summary = Track.open(out), json.loads((out / "live.json").read_text())
@@ -96,7 +97,7 @@ def test_takes_that_were_recorded_have_folders(filmed: Path, tmp_path: Path, mon
 
     monkeypatch.setattr(live_command, "_run", run_with_takes)
     out = tmp_path / "out"
-    assert live(filmed, out, "--particles", "48", "--layers", "6") == 0
+    assert live(filmed, out, *FEW) == 0
     whole, take = Track.open(out / "track.npz"), Track.open(out / "take1" / "track.npz")
     kept = whole.frames >= whole.frames[len(whole) // 2]
     np.testing.assert_array_equal(take.frames, whole.frames[kept])
@@ -214,7 +215,7 @@ def test_a_camera_that_goes_is_told_and_the_others_go_on(
 ) -> None:
     """With fewer than two the run ends with exit code 2, and what was tracked is kept."""
     names = film(monkeypatch, filmed, dict.fromkeys(gone, 12), 40)
-    code = live(filmed, tmp_path / "out", "--particles", "48", "--captures", *names)
+    code = live(filmed, tmp_path / "out", *FEW, "--captures", *names)
     said, track = " ".join(capfd.readouterr().err.split()), Track.open(tmp_path / "out")
     assert (
         "cam03.mp4 gives no more pictures: it was unplugged; the run goes on with" in said
@@ -230,7 +231,7 @@ def test_a_camera_that_comes_back_is_used_again(
     filmed: Path, tmp_path: Path, monkeypatch, capfd
 ) -> None:
     names = film(monkeypatch, filmed, {"cam03": 12}, 150, back_after=40)
-    assert live(filmed, tmp_path / "out", "--particles", "48", "--captures", *names) == 0
+    assert live(filmed, tmp_path / "out", *FEW, "--captures", *names) == 0
     said = " ".join(capfd.readouterr().err.split())
     gone, back = (said.index(words) for words in ("gives no more pictures", "gives pictures again"))
     assert gone < back and "cam03" not in said[gone:back].partition("goes on with")[2][:30]
@@ -244,7 +245,7 @@ def test_a_full_disk_leaves_the_parts(filmed: Path, tmp_path: Path, monkeypatch,
     monkeypatch.setattr(live_command, "PART_SECONDS", 0.0)
     monkeypatch.setattr(live_command, "write_people", full)
     names = film(monkeypatch, filmed, {}, 20)
-    assert live(filmed, tmp_path / "out", "--particles", "48", "--captures", *names) == 2
+    assert live(filmed, tmp_path / "out", *FEW, "--captures", *names) == 2
     assert f"what was tracked is in {tmp_path / 'out' / 'parts'}" in capfd.readouterr().err
     assert len(Track.open(tmp_path / "out")) > 0
 
@@ -253,7 +254,7 @@ def test_poses_are_on_disk_while_a_run_goes_on(filmed: Path, tmp_path: Path, mon
     monkeypatch.setattr(live_command, "PART_SECONDS", 0.0)
     monkeypatch.setattr(live_command, "remove_parts", lambda folder: None)
     names = film(monkeypatch, filmed, {}, 20)
-    assert live(filmed, tmp_path / "out", "--particles", "48", "--captures", *names) == 0
+    assert live(filmed, tmp_path / "out", *FEW, "--captures", *names) == 0
     whole = Track.open(tmp_path / "out")
     parts = [Track.open(path) for path in sorted((tmp_path / "out" / "parts").iterdir())]
     assert len({part.diagnostics["ess"].shape[1:] for part in parts}) == 1  # they can be joined

@@ -171,7 +171,7 @@ def test_generate_replaces_only_its_own_folders(
     assert [p.name for p in tmp_path.rglob("*")] == ["videos", "cam_mine.mp4"]
     shorter = SceneConfig(cameras=1, frames=1, size=(64, 48))
     copy = tmp_path / "copy"
-    generate(copy, SMALL, device)
+    generate(copy, shorter.replace(cameras=2), device)
     (copy / "mine.txt").write_text("keep me")
     generate(copy, shorter, device)
     assert (copy / "mine.txt").read_text() == "keep me"

@@ -27,7 +27,7 @@ from psfs.session import Session
 
 
 class Spoilt:
-    """The first 24 frames of a sequence, one of whose cameras may show something else."""
+    """The first 12 frames of a sequence, one of whose cameras may show something else."""
 
     def __init__(self, sequence: Sequence, kind: str = "sound", view: int = 2) -> None:
         self._sequence, self._kind, self._view = sequence, kind, view
@@ -36,7 +36,7 @@ class Spoilt:
         return getattr(self._sequence, name)
 
     def __len__(self) -> int:
-        return min(len(self._sequence), 24)
+        return min(len(self._sequence), 12)
 
     def recall(self, key: object, compute: Callable[[], object], *_: object) -> object:
         return compute()
@@ -63,7 +63,7 @@ class Spoilt:
 def walk(tmp_path_factory: pytest.TempPathFactory) -> Sequence:
     """Small pictures of a walk."""
     folder = tmp_path_factory.mktemp("sound") / "walk"
-    config = SceneConfig(cameras=6, frames=24, fps=30, size=(160, 120), seed=4)
+    config = SceneConfig(cameras=6, frames=12, fps=30, size=(160, 120), seed=4)
     generate(folder, config, Device.best())
     return Sequence.open(folder)
 

@@ -49,15 +49,6 @@ def test_two_cameras_that_look_apart() -> None:
     assert any("no point is seen by two" in warning for warning in rig_warnings(rig))
 
 
-def test_unequal_counts_are_warned_of(tmp_path: Path) -> None:
-    footage.native(tmp_path)
-    footage.write_video(tmp_path / "videos/cam02.mp4", [50] * 9)
-    warnings = sequence_info(Sequence.open(tmp_path)).warnings
-    assert warnings == [
-        "unequal numbers of images: cam01 12, cam02 9, cam03 12; the first 9 are used"
-    ]
-
-
 @pytest.mark.parametrize(
     "name",
     [
@@ -88,11 +79,6 @@ def test_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert "(-1.00, -1.00, 0.00) to (1.00, 1.00, 2.00) m" in captured.out
     assert captured.err == ""
     assert main(["info", str(folder), "--volume", "1,2,3"]) == 2
-
-
-def test_devices_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["devices"]) == 0
-    assert "name, platform" in capsys.readouterr().out
 
 
 def test_real_millimetres_read_as_metres() -> None:

@@ -24,14 +24,6 @@ def camera(**changes: object) -> Camera:
     return replace(given, **changes)  # type: ignore[arg-type]
 
 
-def test_directions_undo_the_projection() -> None:
-    view = camera()
-    there = np.stack(np.meshgrid(np.arange(0, 161, 20), np.arange(0, 121, 20)), -1).reshape(-1, 2)
-    pixels, depth = view.project(view.centre + 2 * view.rays(there))
-    np.testing.assert_allclose(pixels, there, atol=1e-3)
-    np.testing.assert_allclose(depth, 2, rtol=1e-9)
-
-
 def test_silhouette_of_a_ball() -> None:
     """The silhouette is the rays that pass the centre at less than the radius."""
     view = camera()
