@@ -286,6 +286,7 @@ class TrackingRequest(StartRequest):
     seen."""
 
     PRESETS: ClassVar[Presets] = PRESETS
+    REACH: ClassVar[float] = 1.0
 
     folders: Annotated[tuple[Path, ...], folder_flag("folder with calibrated views", nargs="+")]
     output: Annotated[

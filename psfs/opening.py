@@ -62,7 +62,8 @@ def open_sequence(request: Opened) -> Sequence:
 def open_session(request: TakeRequest, sequence: Sequence, device: Device | NumpyDevice) -> Session:
     """Return the session of the frames, and with the settings, that a request states."""
     frames = request.frames or slice(None)
-    settings = SessionSettings(request.reconstruction, frames, request.voxel_size)
+    reconstruction = request.reconstruction.reaching(request.REACH)
+    settings = SessionSettings(reconstruction, frames, request.voxel_size)
     return Session(sequence, device, settings)
 
 

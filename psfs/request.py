@@ -222,7 +222,10 @@ class FolderRequest(CaptureRequest):
 
 
 class TakeRequest(CaptureRequest):
-    """Frames of a sequence, and how silhouettes and voxels are made of them."""
+    """Frames of a sequence, and how silhouettes and voxels are made of them. REACH: that of
+    evidence, px, if it is not stated."""
+
+    REACH: ClassVar[float] = 0.0
 
     frames: Annotated[slice | None, FRAMES] = None
     voxel_size: float | None = None

@@ -37,11 +37,13 @@ class OccupancyConfig(Config):
         "of the cameras, but at least three, or all if there are fewer.",
         "the share grows with the rig",
     )
-    reach: float = setting(
-        1.0,
-        "Distance in the pictures up to which evidence reaches: pixels at outlines are only partly "
-        "covered, so thin limbs are carved away by them. More where the calibration is off.",
+    reach: float | None = setting(
+        None,
+        "Distance in the pictures up to which evidence reaches, and farther where the calibration "
+        "is off; none: 1 where a body is tracked, since the pixels at its outlines are only partly "
+        "covered, and carve thin limbs away; 0 for clouds, which would be thicker than the person.",
         "to a pixel outlines are known",
+        "px",
         least=0,
     )
     closed_surface: bool = setting(
@@ -62,7 +64,7 @@ class OccupancyConfig(Config):
     def reach_px(self, blur: float) -> int:
         """Return the reach of evidence, whole px, in pictures whose calibration's error has the
         standard deviation `blur`, px."""
-        return round(math.hypot(self.reach, blur))
+        return round(math.hypot(self.reach or 0.0, blur))
 
     def probabilities(self, n_cameras: int, step: float) -> np.ndarray:
         """Return the occupancy for every sum of evidence counts from -127 V to 127 V, (254 V + 1,).
@@ -81,6 +83,12 @@ class ReconstructionConfig(Config):
 
     silhouette: SilhouetteConfig = part(SilhouetteConfig)
     occupancy: OccupancyConfig = part(OccupancyConfig)
+
+    def reaching(self, reach: float) -> ReconstructionConfig:
+        """Return the settings with this reach of evidence, px, if they state none."""
+        if self.occupancy.reach is not None:
+            return self
+        return self.replace(occupancy=self.occupancy.replace(reach=reach))
 
 
 #: Edges of voxels, least and greatest, m.

@@ -45,7 +45,7 @@ def test_hidden_pixels_deny_nobody(device: Device) -> None:
 )
 def test_hidden_cameras_alone_make_no_voxel(device: Device) -> None:
     evidence = hide(scenes.patches_of_evidence(RIG, 3, 8), some_hidden(RIG))
-    config = scenes.ALL_BRICKS.replace(min_cameras=4, reach=0)
+    config = scenes.ALL_BRICKS.replace(min_cameras=4)
     bricks = Bricks(device, RIG, GRID, device.to_device(evidence), 0.05, config)
     expected = occupancy(RIG, GRID, evidence, 0.05, config)
     assert (np.abs(scenes.carve(bricks) - smooth(expected, True)) > 1e-5).mean() < 1e-2

@@ -106,9 +106,7 @@ def test_the_location_agrees_with_the_twin(device: Device, known: int) -> None:
 
 
 def carve(device: Device | NumpyDevice, body: TrackedBody | None, frame: Frame) -> VoxelCloud:
-    """By pictures so small that a pixel more is a limb more."""
-    config = ReconstructionConfig(occupancy=OccupancyConfig(reach=0))
-    return make_reconstructor(device, RIG, GRID, None, config, body=body)(frame).cloud()
+    return make_reconstructor(device, RIG, GRID, None, body=body)(frame).cloud()
 
 
 def test_a_part_that_one_camera_denies_stays(device: Device) -> None:

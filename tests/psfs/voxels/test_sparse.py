@@ -241,13 +241,13 @@ def blurred(rig: CameraRig, px: float) -> CameraRig:
 
 
 @pytest.mark.parity("reconstruction/blur.blur")
-@pytest.mark.parametrize(("off", "px"), [(0.0, 1), (1.2, 2), (3.0, 3)])
-def test_blurred_evidence(device: Device, off: float, px: int) -> None:
+@pytest.mark.parametrize(("reach", "off", "px"), [(1, 0.0, 1), (1, 1.2, 2), (None, 3.0, 3)])
+def test_blurred_evidence(device: Device, reach: float | None, off: float, px: int) -> None:
     """Evidence reaches a pixel, and farther where the calibration is off."""
-    rig = blurred(scenes.ring(3), off)
+    rig, config = blurred(scenes.ring(3), off), OccupancyConfig(reach=reach)
     evidence = evidence_of(rig, 5, 7)
     evidence[:, 10:30, 5:40][evidence[:, 10:30, 5:40] < 0] = UNKNOWN
-    bricks = Bricks(device, rig, scenes.small_grid(), device.to_device(evidence), STEP)
+    bricks = Bricks(device, rig, scenes.small_grid(), device.to_device(evidence), STEP, config)
     bricks()
     expected = blur(evidence, px)
     np.testing.assert_array_equal(bricks.evidence.get(), expected)
