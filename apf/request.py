@@ -475,7 +475,7 @@ class DemoRequest(Request):
 
     output: Annotated[Path, output_flag("folder (default: demo)", "FOLDER")] = Path("demo")
     scene: Annotated[SceneConfig, Part(only=("frames", "cameras"), fill=True)] = part(
-        SceneConfig, frames=30
+        SceneConfig, frames=30, seed=2
     )
     open: Annotated[bool, Flag("open the report in a browser at the end")] = False
     device: Annotated[str, DEVICE] = "auto"

@@ -38,8 +38,8 @@ def _demonstrate(request: DemoRequest, out: Path) -> None:
     scene = request.scene
     truth = str(out / "sequence" / "truth.npz")
     device = ["--device", request.device]
-    size = ["--cameras", str(scene.cameras), "--frames", str(scene.frames)]
-    _step("apf", apf.cli.main, ["synth", "-o", sequence, *size, *device])
+    flags = ["--cameras", scene.cameras, "--frames", scene.frames, "--seed", scene.seed]
+    _step("apf", apf.cli.main, ["synth", "-o", sequence, *map(str, flags), *device])
     _step("psfs", psfs.cli.main, ["reconstruct", sequence, "-o", voxels, *device])
     _step("psfs", psfs.cli.main, ["check", voxels, *device])
     _step("apf", apf.cli.main, ["track", sequence, "-o", tracked, *device])

@@ -1,4 +1,4 @@
-// Evidence that reaches as far as the cameras' calibration is uncertain; twin: reference/surface.py.
+// Evidence that reaches as far as outlines and calibration are uncertain; twin: reference/surface.py.
 // An item has PACK pixels of a row.
 // Defines: BLUR, px; PACK, 1 or 16; UNKNOWN, the evidence count of a pixel that says nothing.
 #if !defined(BLUR) || !defined(PACK) || !defined(UNKNOWN)
