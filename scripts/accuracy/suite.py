@@ -31,6 +31,7 @@ from apf.initialisation.sequence import initialise
 from apf.initialisation.start import StartError
 from apf.keypoints.keypoints import Keypoints
 from apf.presets import Preset
+from apf.request import TrackRequest
 from apf.takes.start import read_given_start
 from apf.tracking.settings import DEFAULT_BODY, TakeSettings
 from apf.tracking.take import Take, track_take
@@ -130,7 +131,10 @@ def done(device: Device, job: Job, check: Callable[[], object]) -> Outcome:
     the sequence cannot be tracked; a failed automatic start is not an error, but a run."""
     settings = job.settings
     sequence = open_for_preset(job.folder, settings)
-    session = Session(sequence, device, SessionSettings(settings.reconstruction))
+    reconstruction = settings.reconstruction
+    if job.setting is not None:  # of a track
+        reconstruction = reconstruction.reaching(TrackRequest.REACH)
+    session = Session(sequence, device, SessionSettings(reconstruction))
     if job.setting is None:
         session = examine(session, settings.all_cameras).session
         return evaluate_silhouettes(session, check)
