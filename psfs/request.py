@@ -222,8 +222,8 @@ class FolderRequest(CaptureRequest):
 
 
 class TakeRequest(CaptureRequest):
-    """Frames of a sequence, and how silhouettes and voxels are made of them. REACH: that of
-    evidence, px, if it is not stated."""
+    """Frames of a sequence, and how silhouettes and voxels are made of them. REACH: px, the
+    `reach` of `OccupancyConfig` if the request states none."""
 
     REACH: ClassVar[float] = 0.0
 

@@ -144,8 +144,10 @@ class Session:
         return Session(sequence, self.device, self.settings)
 
     def with_frames(self, frames: range) -> Session:
-        """Return a session on some of these frames, with the results and the reconstructor of this
-        one."""
+        """Return a session on these frames, with the results and the reconstructor of this one; on
+        the same frames itself."""
+        if frames == self.frames:
+            return self
         stop = frames.stop if frames.stop >= 0 else None
         other = copy(self)
         selection = slice(frames.start, stop, frames.step)

@@ -162,7 +162,7 @@ def finish_take(job: TrackJob, examination: Examination, take: Take) -> list[Jud
         "frames": n_done,
         "frames_wanted": n_frames,
         "sequence": sequence,
-        "config": request.reconstruction.reaching(request.REACH).to_dict(),
+        "config": session.reconstruction.to_dict(),
         "device": device_facts(job.device),
         "versions": versions(),
         "seconds": round(take.seconds, 2),

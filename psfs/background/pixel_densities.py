@@ -96,8 +96,8 @@ class PixelDensities:
         """Learn the background from the frames in which a pixel is not `covered` (n, h, w). Return
         the histogram of those that are, see `count_colours`."""
         region = self._region
-        learnt = masked_moments(self._frames, self._inside(covered))
-        for values, new in zip((*self._moments, self._count), learnt, strict=True):
+        moments = masked_moments(self._frames, self._inside(covered))
+        for values, new in zip((*self._moments, self._count), moments, strict=True):
             values[region] = new
         self._update()
         return self.count_colours(covered)

@@ -33,9 +33,9 @@ _REACH_FLOATS = 8
 class Bricks:
     """Inputs that the occupancy kernels of one grid share: maps, tables, tiles and definitions.
 
-    evidence: (V, H, W) int8 in counts of `step` nats. It reaches a pixel, and farther if the rig
-    has a `blur`, see `OccupancyConfig.reach_px`: limbs thinner than that are not carved away
-    (kernel: blur.cl; twin: `psfs.reference.surface.blur`). body: a tracked body by
+    evidence: (V, H, W) int8 in counts of `step` nats. It is dilated by `OccupancyConfig.reach_px`,
+    so that limbs thinner than that are not carved away (kernel: blur.cl; twin:
+    `psfs.reference.surface.blur`). body: a tracked body by
     `psfs.voxels.body_prior.pack_body`, if there is one. A call enqueues the computation of the
     tiles: least and greatest evidence count of each.
     """

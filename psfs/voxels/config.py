@@ -42,7 +42,7 @@ class OccupancyConfig(Config):
         "Distance in the pictures up to which evidence reaches, and farther where the calibration "
         "is off; none: 1 where a body is tracked, since the pixels at its outlines are only partly "
         "covered, and carve thin limbs away; 0 for clouds, which would be thicker than the person.",
-        "to a pixel outlines are known",
+        "outlines are known to a pixel",
         "px",
         least=0,
     )

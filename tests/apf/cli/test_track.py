@@ -29,10 +29,9 @@ def track(folder: Path, out: Path, *more: str) -> int:
 def test_everything_is_written_and_judged_and_reports_made_again(
     walk: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Started by itself. The last lines say what summary.json holds; `apf report` gives the same
-    again."""
+    """The last lines say what summary.json holds; `apf report` gives the same again."""
     out = tmp_path / "out"
-    assert main(["track", str(walk), "-o", str(out), *SMALL]) == 0
+    assert track(walk, out) == 0
     said = capsys.readouterr().out.splitlines()
     names = {path.name for path in (tmp_path / "out").iterdir()}
     assert names == {
@@ -48,10 +47,11 @@ def test_everything_is_written_and_judged_and_reports_made_again(
         "report.html",
     }
     found = Track.open(tmp_path / "out")
-    assert len(found) == FRAMES and found.poses.shape == (FRAMES, 36)
+    assert len(found) == FRAMES and found.poses.shape == (FRAMES, 32)
     assert found.diagnostics["ess"].shape == (FRAMES, 5)
     assert json.loads(found.provenance)["filter"]["n_particles"] == 60
-    assert evaluate(found, load_truth(walk / "truth.npz")).mean_error < 0.06
+    evaluation = evaluate(found, load_truth(walk / "truth.npz"))
+    assert evaluation.mean_error < 0.08
     body = load_body(tmp_path / "out" / "body.toml")
     assert body.joint_names == list(found.joint_names)
     video = cv2.VideoCapture(str(tmp_path / "out" / "overlay.mp4"))
@@ -71,10 +71,7 @@ def test_everything_is_written_and_judged_and_reports_made_again(
     assert main(["report", str(out)]) == 0
     assert capsys.readouterr().out.splitlines()[-1] == f"wrote {out / 'report.html'}"
     again = json.loads((out / "summary.json").read_text())
-    # of a run that began by itself the silhouettes learnt from other frames
-    for which in ("body_iou", "voxel_iou"):
-        assert again["quality"][which] == pytest.approx(summary["quality"][which], abs=2e-3)
-    assert again["quality"]["verdict"] == summary["quality"]["verdict"]
+    assert again["quality"] == summary["quality"]
     assert (out / "overlay.mp4").exists()
     # the encoder of the video in the page does not promise the same bytes
     assert len((out / "report.html").read_bytes()) == pytest.approx(len(page), rel=1e-3)
@@ -106,6 +103,18 @@ def test_several_seeds_at_once(
     np.testing.assert_array_equal(together.poses, alone.poses)
     assert together.provenance == alone.provenance
     assert np.any(other.poses != alone.poses)
+
+
+def test_nothing_but_the_folder(walk: Path, tmp_path: Path) -> None:
+    """Started by itself."""
+    few = ["--frames", "0:4", "--particles", "60", "--layers", "5", "--voxel-size", "0.04"]
+    plain = [*few, "--no-overlay", "--no-report", "-o"]
+    assert main(["track", str(walk), *plain, str(tmp_path / "a")]) == 0
+    found, truth = Track.open(tmp_path / "a"), load_truth(walk / "truth.npz")
+    for name in ("pelvis", "neck", "head_top", "l_hip", "l_knee", "l_ankle", "r_knee", "r_ankle"):
+        mine = found.joints[:, found.joint_names.index(name)]
+        theirs = truth.joints[:4, truth.joint_names.index(name)]
+        assert np.linalg.norm(mine - theirs, axis=1).mean() < 0.1, name
 
 
 def test_a_body_of_frusta_and_a_mesh_of_the_person(

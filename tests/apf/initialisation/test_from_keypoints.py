@@ -1,4 +1,4 @@
-"""Bodies, poses and points on the body that are learnt from keypoints."""
+"""Bodies, poses and points on the body that are estimated from keypoints."""
 
 from dataclasses import replace
 
@@ -40,24 +40,24 @@ def poses_of(body: BodyModel, n: int = 8) -> np.ndarray:
     return np.clip(poses, body.lower, body.upper)
 
 
-def error_of(found: KeypointStart) -> float:
-    """m, mean over joints and frames of what was learnt of the child."""
-    truth = posed_joints(child(), poses_of(child())[found.frames])
-    return float(np.linalg.norm(posed_joints(found.body, found.poses) - truth, axis=-1).mean())
+def mean_error(start: KeypointStart) -> float:
+    """Return the mean error, m, over joints and frames, of a start by keypoints of the child."""
+    truth = posed_joints(child(), poses_of(child())[start.frames])
+    return float(np.linalg.norm(posed_joints(start.body, start.poses) - truth, axis=-1).mean())
 
 
 @pytest.fixture(scope="module")
-def learnt() -> KeypointStart:
-    """What is learnt of the child from keypoints without damage."""
+def clean_start() -> KeypointStart:
+    """The start by keypoints of the child without damage."""
     keypoints = of_poses(RIG, child(), poses_of(child()), noise=2.0)
     return start_from_keypoints(RIG, keypoints, TEMPLATE, range(keypoints.n_frames))
 
 
-def test_lengths_and_poses_of_a_child_who_turns(learnt: KeypointStart) -> None:
-    assert stature(learnt.body) == pytest.approx(stature(child()), rel=0.08)
-    assert error_of(learnt) < 0.03
-    assert 0.5 < np.median(learnt.model.error) < 4
-    assert learnt.anchored[0] == 0
+def test_lengths_and_poses_of_a_child_who_turns(clean_start: KeypointStart) -> None:
+    assert stature(clean_start.body) == pytest.approx(stature(child()), rel=0.08)
+    assert mean_error(clean_start) < 0.03
+    assert 0.5 < np.median(clean_start.model.error) < 4
+    assert clean_start.anchored[0] == 0
 
 
 def test_known_height_and_shape_are_kept() -> None:
@@ -66,14 +66,14 @@ def test_known_height_and_shape_are_kept() -> None:
     keypoints = of_poses(RIG, body, poses, noise=2.0)
     tall = start_from_keypoints(RIG, keypoints, TEMPLATE, range(3), height=1.4)
     assert stature(tall.body) == pytest.approx(1.4, abs=0.01)
-    own = start_from_keypoints(RIG, keypoints, body, range(3), keep_shape=True)
+    kept = start_from_keypoints(RIG, keypoints, body, range(3), keep_shape=True)
     np.testing.assert_allclose(
-        [bone.offset for bone in own.body.bones], [bone.offset for bone in body.bones]
+        [bone.offset for bone in kept.body.bones], [bone.offset for bone in body.bones]
     )
 
 
 @pytest.mark.parametrize("damage", ["outliers", "exchange", "missing"])
-def test_what_networks_do_costs_little(learnt: KeypointStart, damage: str) -> None:
+def test_what_networks_do_costs_little(clean_start: KeypointStart, damage: str) -> None:
     """A fifth of the keypoints anywhere, left and right exchanged in a camera, a camera without."""
     keypoints = of_poses(RIG, child(), poses_of(child()), noise=2.0)
     points, random = keypoints.points.copy(), np.random.default_rng(0)
@@ -85,8 +85,8 @@ def test_what_networks_do_costs_little(learnt: KeypointStart, damage: str) -> No
     else:
         points[1] = np.nan
     damaged = replace(keypoints, points=points)
-    found = start_from_keypoints(RIG, damaged, TEMPLATE, range(keypoints.n_frames))
-    assert error_of(found) < 1.25 * error_of(learnt) + 0.002
+    start = start_from_keypoints(RIG, damaged, TEMPLATE, range(keypoints.n_frames))
+    assert mean_error(start) < 1.25 * mean_error(clean_start) + 0.002
 
 
 def test_frames_and_keypoints_that_show_nobody() -> None:
@@ -103,27 +103,31 @@ def test_frames_and_keypoints_that_show_nobody() -> None:
         start_from_keypoints(scenes.ring(3), keypoints, TEMPLATE, range(4))
 
 
-def test_observations_are_those_of_the_frame(learnt: KeypointStart) -> None:
-    found = learnt
-    seen = found.observations(2)
+def test_observations_are_those_of_the_frame(clean_start: KeypointStart) -> None:
+    seen = clean_start.observations(2)
     assert len(seen) == seen.most == seen.usual == 4 * 33
-    few = found.keypoints.points[:, 2] * np.where(np.arange(4) > 0, np.nan, 1)[:, None, None]
-    assert found.model.observations(few).few and not seen.few and not make_empty_observations().few
-    own = locate_points(TEMPLATE, found.keypoints.names)
+    few = clean_start.keypoints.points[:, 2] * np.where(np.arange(4) > 0, np.nan, 1)[:, None, None]
+    assert (
+        clean_start.model.observations(few).few
+        and not seen.few
+        and not make_empty_observations().few
+    )
+    own = locate_points(TEMPLATE, clean_start.keypoints.names)
     assert (seen.partner[seen.point == 0] == -1).all() and (seen.bone == own.bones).all()
     row = seen.point == own.names.index("l_knee")
     np.testing.assert_allclose(
-        seen.pixel[row], found.keypoints.points[:, 2, own.columns[own.names.index("l_knee")], :2]
+        seen.pixel[row],
+        clean_start.keypoints.points[:, 2, own.columns[own.names.index("l_knee")], :2],
     )
 
 
 def test_the_pose_of_one_frame() -> None:
     """Of a person who stands anywhere and looks anywhere."""
     poses = poses_of(TEMPLATE, 2)
-    found = start_from_keypoints(RIG, of_poses(RIG, TEMPLATE, poses), TEMPLATE, range(2))
+    start = start_from_keypoints(RIG, of_poses(RIG, TEMPLATE, poses), TEMPLATE, range(2))
     for frame, pose in enumerate(poses):
-        alone = fit_pose_to_points(found.body, RIG, found.observations(frame))
+        alone = fit_pose_to_points(start.body, RIG, start.observations(frame))
         assert alone is not None
-        away = posed_joints(found.body, alone[None]) - posed_joints(TEMPLATE, pose[None])
+        away = posed_joints(start.body, alone[None]) - posed_joints(TEMPLATE, pose[None])
         assert np.linalg.norm(away, axis=-1).mean() < 0.02
     assert fit_pose_to_points(TEMPLATE, RIG, make_empty_observations()) is None

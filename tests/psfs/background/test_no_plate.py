@@ -78,8 +78,8 @@ def test_a_background_that_holds_the_person_is_found_out(
     for view, camera in enumerate(sequence.rig):
         folder = long / "images" / camera.name
         folder.mkdir(parents=True)
-        shown = [picture[view] for picture in (*18 * images[:1], *images) if picture is not None]
-        for number, picture in enumerate(shown):
+        pictures = [stack[view] for stack in (*18 * images[:1], *images) if stack is not None]
+        for number, picture in enumerate(pictures):
             assert cv2.imwrite(str(folder / f"{number:04d}.jpg"), picture)
     for folder in (plate, long):
         assert main(["info", str(folder)]) == 0

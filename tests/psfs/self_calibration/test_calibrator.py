@@ -152,10 +152,10 @@ def test_films_that_tell_no_cameras_are_refused(views, change, said):
 def test_a_film_of_something_else_is_named():
     """The last camera's runs backwards."""
     films = [*outlines()[:3], outlines()[3][::-1]]
-    found = Adjusted(CameraRig(tuple(CAMERAS)), np.array(LAGS, float), None)
-    check_fit(found, PersonPoints(CAMERAS, outlines(), CONFIG))
+    adjusted = Adjusted(CameraRig(tuple(CAMERAS)), np.array(LAGS, float), None)
+    check_fit(adjusted, PersonPoints(CAMERAS, outlines(), CONFIG))
     with pytest.raises(InputError, match=r"fit no arrangement .* those of d and the other .* px,"):
-        check_fit(found, PersonPoints(CAMERAS, films, CONFIG))
+        check_fit(adjusted, PersonPoints(CAMERAS, films, CONFIG))
 
 
 def test_somebody_on_a_circle_is_refused():
