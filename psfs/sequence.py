@@ -12,6 +12,7 @@ from copy import copy
 from dataclasses import dataclass, fields
 from functools import cached_property, partial
 from itertools import pairwise, product
+from multiprocessing.pool import ThreadPool
 from pathlib import Path
 from typing import TypeVar
 
@@ -35,7 +36,7 @@ from psfs.footage.memory import recall
 from psfs.footage.numbering import pair_by_number
 from psfs.footage.settings import MIXTURES, SequenceSettings, join_delays, split_delays
 from psfs.footage.sound import apply_sound
-from psfs.footage.threads import TIMEOUT_S, HangingError, Threads, prefetch
+from psfs.footage.threads import prefetch
 from psfs.footage.timing import Delay, synchronise
 
 R = TypeVar("R")
@@ -44,6 +45,8 @@ R = TypeVar("R")
 _QUEUE_BYTES, _QUEUE_FRAMES = 256 * 2**20, 16
 #: Frame rate of a camera that states none, that of most, frames/s.
 DEFAULT_FPS = 30.0
+#: Time after which a picture that has not been decoded never will be, s.
+_TIMEOUT_S = 60.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -350,7 +353,7 @@ class Sequence:
         decoders: list[Decoder] = []  # opened by the first frame that is not kept
         workers = min(len(self._views), os.cpu_count() or 1)
         try:
-            with Threads(workers) as pool:
+            with ThreadPool(workers) as pool:  # a hanging thread does not outlive the process
                 yield lambda index: self._frame(index, decoders, pool, mixture)
         finally:  # only after the pool has ended: if one view fails, others may still be read
             for decoder in decoders:
@@ -363,7 +366,7 @@ class Sequence:
                 yield read(index)
 
     def _frame(
-        self, index: int, decoders: list[Decoder], pool: Threads, mixture: Mixture | None
+        self, index: int, decoders: list[Decoder], pool: ThreadPool, mixture: Mixture | None
     ) -> Frame:
         if self._kept is not None and self._is_kept[index]:
             return Frame(index, self._kept[index], None)
@@ -379,7 +382,7 @@ class Sequence:
         elif self.background_kind == "threshold":
             masks = pool.map(partial(find_bright, settings=self.settings), seen)
         elif self.background_kind in MIXTURES:
-            masks = pool.map(mixture or self._mixture, range(len(seen)), seen)
+            masks = pool.starmap(mixture or self._mixture, enumerate(seen))
         if images is not None:
             pad_pictures(seen, images)
         padded = None if masks is None else pad_pictures(masks, np.empty(shape, np.uint8))
@@ -389,7 +392,7 @@ class Sequence:
         return frame
 
     def _pictures(
-        self, index: int, decoders: list[Decoder], pool: Threads, images: np.ndarray | None
+        self, index: int, decoders: list[Decoder], pool: ThreadPool, images: np.ndarray | None
     ) -> list[np.ndarray]:
         """Decode a frame of all views; views of the rig's size are written directly into
         `images`."""
@@ -400,14 +403,19 @@ class Sequence:
             for media, place in zip(self._views, places, strict=False)
         ]
         decoders += [media.open() for media in self._views[len(decoders) :]]
-        try:
-            return pool.map(lambda decoder, place: decoder.read(index, place), decoders, into)
-        except HangingError as error:
-            decoders.clear()  # a decoder in use must not be closed
-            raise InputError(
-                f"{self._views[error.number].where}: frame {index} was not decoded within "
-                f"{TIMEOUT_S:g} s; expected a file that can be read"
-            ) from None
+        calls = [
+            pool.apply_async(decoder.read, (index, place))
+            for decoder, place in zip(decoders, into, strict=True)
+        ]
+        for media, call in zip(self._views, calls, strict=True):
+            call.wait(_TIMEOUT_S)
+            if not call.ready():
+                decoders.clear()  # a decoder in use must not be closed
+                raise InputError(
+                    f"{media.where}: frame {index} was not decoded within {_TIMEOUT_S:g} s; "
+                    f"expected a file that can be read"
+                )
+        return [call.get() for call in calls]
 
 
 def _is_small(background: Background | None) -> bool:

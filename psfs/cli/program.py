@@ -262,31 +262,6 @@ def run_program(
     return run_command(parser, argv)
 
 
-def parse_request(kind: type[Request], words: Sequence[str]) -> Request:
-    """Return the request that the words of a command line state. Raises InputError."""
-    return kind.from_stated(parse_stated(kind, words))
-
-
-class _Refused(Exception):
-    """Error of argparse."""
-
-
-class _RaisingParser(CommandParser):
-    def error(self, message: str) -> NoReturn:
-        raise _Refused(message)
-
-
-def parse_stated(kind: type[Request], words: Sequence[str]) -> Stated:
-    """Return what the words of a command line state for a request. Raises InputError."""
-    parser = _RaisingParser(prog=kind.COMMAND, allow_abbrev=False, add_help=False)
-    parser.command = Command("", "", f"{kind.__module__}:{kind.__qualname__}", "")
-    try:
-        args = parser.parse_args(words)
-    except _Refused as error:
-        raise InputError(str(error)) from None
-    return find_stated(kind, args)
-
-
 def find_stated(kind: type[Request], args: argparse.Namespace) -> Stated:
     """Return what parsed words and the file of --config state. Raises InputError that names the
     file."""

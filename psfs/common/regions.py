@@ -30,14 +30,9 @@ def keep_large_regions(occupied: np.ndarray, share: float) -> np.ndarray:
     return large
 
 
-def find_connected_regions(occupied: np.ndarray) -> list[np.ndarray]:
-    """Return the flat indices, ascending, of each connected region, the largest first."""
-    return split_regions(np.flatnonzero(occupied), occupied.shape)
-
-
 def split_regions(indices: np.ndarray, shape: tuple[int, ...]) -> list[np.ndarray]:
-    """Return flat indices (N,), ascending, of an array of `shape` by connected regions, as
-    `find_connected_regions` does."""
+    """Return the flat indices of each connected region, the largest first; `indices`: those of an
+    array of `shape`, (N,) ascending."""
     if not len(indices):
         return []
     places = np.stack(np.unravel_index(indices, shape))

@@ -24,6 +24,7 @@ from pathlib import Path
 from typing import Any
 
 from apf.cli.batch_take import TakeDone, TakeJob, process_take
+from apf.cli.commands import COMMANDS
 from apf.cluster.pool import Pool, Task
 from apf.cluster.processes import Processes
 from apf.cluster.workers import Share, list_own_cores, share_machine
@@ -32,7 +33,7 @@ from apf.synthetic.generate import generate
 from apf.synthetic.scene import SceneConfig
 from apf.timings.measure import places
 from cl import Device, InputError
-from psfs.cli.program import parse_request
+from psfs.cli.program import find_stated, program_parser
 from psfs.sequence import Sequence as Footage
 from timings.grid import Grid, number
 from timings.results import Results, add_command, add_timing_flags
@@ -188,7 +189,9 @@ def _task(take: Path, out: Path, name: str, flags: Sequence[str], given: bool) -
     """Return the task of `apf batch` for a take; given: start at the true first pose."""
     words = [str(take), f"--output={out / name}", *flags]
     words += [f"--init={take / 'truth.npz'}"] * given
-    job = TakeJob(name, parse_request(TrackRequest, words), out / "log")
+    args = program_parser("apf", "", COMMANDS).parse_args(["track", *words])
+    request = TrackRequest.from_stated(find_stated(TrackRequest, args))
+    job = TakeJob(name, request, out / "log")
     return Task(name, process_take, (job,))
 
 

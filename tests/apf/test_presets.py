@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import pytest
+from helpers.commands import state_track
 
 from apf.body.toml import load_body
 from apf.cli import main
@@ -12,14 +13,11 @@ from apf.filters.term_weights import parse_weights
 from apf.presets import PRESETS, Preset, preset
 from apf.request import TrackRequest
 from cl import InputError
-from psfs.cli.program import parse_request
 
 
 def parsed(*flags: str) -> TrackRequest:
     """The request of `apf track walk -o out FLAGS`."""
-    request = parse_request(TrackRequest, ["walk", "-o", "out", *flags])
-    assert isinstance(request, TrackRequest)
-    return request
+    return TrackRequest.from_stated(state_track("walk", "-o", "out", *flags))
 
 
 def method_of(*flags: str) -> Method:

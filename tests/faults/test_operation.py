@@ -10,6 +10,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable
+from multiprocessing.pool import AsyncResult
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +24,6 @@ from helpers.shared import ROOT
 import apf.tracking.pipeline as pipeline
 import cl.launch
 import psfs.cli
-import psfs.footage.threads as threads
 from apf.takes.results import Keeper
 from apf.tracking.track import PARTS, Track
 from cl import pocl_wheel
@@ -132,7 +132,7 @@ def test_a_decoder_that_hangs(stock: Path, monkeypatch: pytest.MonkeyPatch) -> N
     import psfs.footage.media as media
 
     hanging, released = threading.Event(), threading.Event()
-    read, wait = media.ImagesDecoder.read, threads.wait
+    read, wait = media.ImagesDecoder.read, AsyncResult.wait
 
     def hangs(self: Any, index: int, *into: Any) -> np.ndarray:
         if index == 2:
@@ -140,14 +140,13 @@ def test_a_decoder_that_hangs(stock: Path, monkeypatch: pytest.MonkeyPatch) -> N
             released.wait(120)
         return read(self, index, *into)
 
-    def wait_until_one_hangs(calls: Any, seconds: float) -> Any:
+    def wait_until_one_hangs(call: Any, _: float) -> None:
         """Whose time is over then, however slow the machine is."""
-        while not hanging.is_set() and wait(calls, 0.02).not_done:
-            pass
-        return wait(calls, 0)
+        while not hanging.is_set() and not call.ready():
+            wait(call, 0.02)
 
     monkeypatch.setattr(media.ImagesDecoder, "read", hangs)
-    monkeypatch.setattr(threads, "wait", wait_until_one_hangs)
+    monkeypatch.setattr(AsyncResult, "wait", wait_until_one_hangs)
     outcome = run(reconstruct(stock, "--frames", "1:", "--device", "numpy"))
     released.set()
     last = outcome.err.strip().splitlines()[-1]

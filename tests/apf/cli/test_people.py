@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers import tracks
+from helpers.commands import state_track
 
 from apf.cli import main
 from apf.cli.batch import ListedTake, make_request
@@ -16,7 +17,6 @@ from apf.request import BatchRequest, TrackRequest
 from apf.takes import people
 from apf.tracking.track import Track
 from cl import InputError
-from psfs.cli.program import parse_stated
 
 
 @pytest.mark.parametrize(
@@ -46,7 +46,7 @@ def test_who_was_not_tracked_to_the_end_is_seen_so_far(tmp_path: Path) -> None:
 
 def request(*words: str, part_frames: int | None = None) -> TrackRequest:
     batch = BatchRequest(folders=(), part_frames=part_frames)
-    stated = parse_stated(TrackRequest, ["take", "-o", "out", *words])
+    stated = state_track("take", "-o", "out", *words)
     return make_request(batch, ListedTake(Path("take"), stated=stated), Path("out"))
 
 

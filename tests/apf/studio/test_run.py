@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers.commands import state_track
 from scipy.spatial.transform import Rotation
 
 pytest.importorskip("viser", reason="viser is not installed")
@@ -24,7 +25,6 @@ from apf.studio.work import Work, WorkSlot, free_folder, state_flags
 from apf.tracking.correction import ERROR, list_corrections
 from apf.tracking.track import Track
 from cl import InputError, select_device
-from psfs.cli.program import parse_request
 from psfs.common.files import read_toml
 from psfs.common.requests import Stated, collect_settings
 from psfs.page.clouds import CarvedClouds
@@ -81,8 +81,8 @@ def test_a_command_states_what_its_request_states(tmp_path: Path) -> None:
         "--sync=cam01=3,cam02=0",
         "--volume=-1,1,-1,1,0,2", "--no-report", "--preset=song",
     ]  # fmt: skip
-    request = parse_request(TrackRequest, words)
-    again = parse_request(TrackRequest, state_flags(request))
+    request = TrackRequest.from_stated(state_track(*words))
+    again = TrackRequest.from_stated(state_track(*state_flags(request)))
     assert repr(again.stated) == repr(request.stated)
     assert collect_settings(again) == collect_settings(request)
 
