@@ -12,9 +12,11 @@ sides.
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping
 
 import numpy as np
+import scipy
 
 from apf.body.anatomy import anatomical_frames
 from apf.body.model import BodyModel
@@ -22,6 +24,8 @@ from psfs.common.numbers import FROM_Y_UP
 
 #: Mirrors left segments, so that their angles have the same meaning as the right ones'.
 _MIRROR = np.diag([1.0, 1.0, -1.0])
+#: About Y.
+_HALF_TURN = np.diag([-1.0, 1.0, -1.0])
 #: Elevation, degrees, below which an arm's plane of elevation is undefined.
 HANGING = 1.0
 #: For each joint of a side: its proximal and distal segment, and the angles' names and signs.
@@ -51,14 +55,14 @@ def angles_between(frames: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
     of `anatomical_frames`."""
     angles: dict[str, np.ndarray] = {}
     if "pelvis" in frames:
-        turned = decompose_yxz(FROM_Y_UP.T @ frames["pelvis"])
+        turned = decompose(FROM_Y_UP.T @ frames["pelvis"], "YXZ")
         names = ("rotation", "obliquity", "anterior_tilt")
         angles |= _name_angles("pelvis", names, turned, (1, 1, -1))
     names = ("flexion", "right_bending", "left_rotation")
     for joint, near, far in (("trunk", "pelvis", "thorax"), ("neck", "thorax", "head")):
         if {near, far} <= set(frames):
             angles |= _name_angles(
-                joint, names, decompose_zxy(relative_rotations(frames, near, far)), (-1, 1, 1)
+                joint, names, decompose(relative_rotations(frames, near, far), "ZXY"), (-1, 1, 1)
             )
     for side in ("l_", "r_"):
         angles |= _side_angles(frames, side)
@@ -81,7 +85,7 @@ def standing_ankles(body: BodyModel, poses: np.ndarray, flat: np.ndarray) -> dic
         right /= np.linalg.norm(right, axis=1, keepdims=True)
         up = np.broadcast_to([0.0, 0, 1], right.shape)
         foot = np.stack([np.cross(up, right), up, right], -1)
-        turned = np.degrees(decompose_zxy(shank.transpose(0, 2, 1) @ foot)[:, 0])
+        turned = np.degrees(decompose(shank.transpose(0, 2, 1) @ foot, "ZXY")[:, 0])
         angles[f"{side}ankle_dorsiflexion"] = np.where(flat[:, column], turned, np.nan)
     return angles
 
@@ -91,10 +95,11 @@ def _side_angles(frames: Mapping[str, np.ndarray], side: str) -> dict[str, np.nd
     for joint, (near, far, names, signs) in _LIMB_JOINTS.items():
         start = near if near in ("pelvis", "thorax") else side + near
         if {start, side + far} <= set(frames):
-            turned = decompose_zxy(relative_rotations(frames, start, side + far))
+            turned = decompose(relative_rotations(frames, start, side + far), "ZXY")
             angles |= _name_angles(side + joint, names, turned, signs)
     if {"thorax", f"{side}upper_arm"} <= set(frames):
-        turned = decompose_yxy(relative_rotations(frames, "thorax", f"{side}upper_arm"))
+        lifted = relative_rotations(frames, "thorax", f"{side}upper_arm")
+        turned = decompose(_HALF_TURN @ lifted @ _HALF_TURN, "YXY")  # an arm is raised about -X'
         turned[turned[:, 1] < np.radians(HANGING)] *= (np.nan, 1, np.nan)
         names = ("plane_of_elevation", "elevation", "axial_rotation")
         angles |= _name_angles(f"{side}shoulder", names, turned)
@@ -127,34 +132,17 @@ def relative_rotations(frames: Mapping[str, np.ndarray], near: str, far: str) ->
     return _MIRROR @ turned @ _MIRROR if far.startswith("l_") else turned
 
 
-def decompose_zxy(rotations: np.ndarray) -> np.ndarray:
-    """Decompose rotations into angles (N, 3), rad, about Z, X' and Y'': R = Rz Rx Ry."""
-    r = rotations
-    about_x = np.arcsin(np.clip(r[:, 2, 1], -1, 1))
-    return np.stack(
-        [np.arctan2(-r[:, 0, 1], r[:, 1, 1]), about_x, np.arctan2(-r[:, 2, 0], r[:, 2, 2])], -1
-    )
-
-
-def decompose_yxz(rotations: np.ndarray) -> np.ndarray:
-    """Decompose rotations into angles (N, 3), rad, about Y, X' and Z'': R = Ry Rx Rz."""
-    r = rotations
-    about_x = np.arcsin(np.clip(-r[:, 1, 2], -1, 1))
-    return np.stack(
-        [np.arctan2(r[:, 0, 2], r[:, 2, 2]), about_x, np.arctan2(r[:, 1, 0], r[:, 1, 1])], -1
-    )
-
-
-def decompose_yxy(rotations: np.ndarray) -> np.ndarray:
-    """Decompose rotations into angles (N, 3), rad, about Y, X' and Y'': R = Ry(a) Rx(-b) Ry(c).
-
-    b is in [0, pi].
-    """
-    r = rotations
-    elevation = np.arccos(np.clip(r[:, 1, 1], -1, 1))
-    return np.stack(
-        [np.arctan2(-r[:, 0, 1], -r[:, 2, 1]), elevation, np.arctan2(-r[:, 1, 0], r[:, 1, 2])], -1
-    )
+def decompose(rotations: np.ndarray, order: str) -> np.ndarray:
+    """Decompose rotations (N, 3, 3) into angles (N, 3), rad, about axes that turn along, as "ZXY"
+    names them: R = Rz Rx Ry. NaN stay."""
+    angles = np.full((len(rotations), 3), np.nan)
+    known = np.isfinite(rotations).all((1, 2))
+    with warnings.catch_warnings():  # where two of the axes are one, the last angle is zero
+        warnings.simplefilter("ignore")
+        if known.any():
+            turned = scipy.spatial.transform.Rotation.from_matrix(rotations[known])
+            angles[known] = turned.as_euler(order)
+    return angles
 
 
 def rotation_between(start: np.ndarray, end: np.ndarray) -> np.ndarray:

@@ -6,8 +6,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from rich.table import Table
-
 from apf.evaluation.angle_truth import (
     AngleError,
     evaluate_angles,
@@ -27,7 +25,7 @@ from apf.tracking.limb_confidence import LOST_LIMB
 from apf.tracking.people import PeopleTracks, holds_people, person_folder
 from apf.tracking.track import Track, spans
 from cl import InputError
-from psfs.cli.commandline import stdout, warn
+from psfs.cli.commandline import make_table, stdout, warn
 from psfs.common.files import resolve_path
 from psfs.common.outputs import output_folder
 from psfs.common.ranges import check_number
@@ -176,7 +174,7 @@ def print_evaluation(evaluation: Evaluation) -> None:
     """Print the table of joints and the overall figures to standard output."""
     summary = evaluation.summary()
     columns = "mean", "median", "max", "constant", "rest", "in 95 %"
-    table = _make_table("Distance to the truth, mm", ("joint",), columns)
+    table = make_table("Distance to the truth, mm", ("joint",), columns)
     keys = ("mean_mm", "median_mm", "max_mm", "constant_mm", "rest_mm")
     for row in (*summary["joints"], *summary["toes"]):
         figures = [_number(row[key]) for key in keys]
@@ -225,7 +223,7 @@ def print_evaluation(evaluation: Evaluation) -> None:
 def print_people_evaluation(evaluation: PeopleEvaluation) -> None:
     """Print a row for each person, and how well people are counted and kept apart."""
     columns = "frames", "mean, mm", "median, mm", "beyond 150 mm", "in 95 %"
-    table = _make_table("Distance to the truth", ("true person", "track"), columns)
+    table = make_table("Distance to the truth", ("true person", "track"), columns)
     summary = evaluation.summary()
     for person in summary["persons"]:
         errors, track = person["errors"], person["track"]
@@ -253,7 +251,7 @@ def print_angles(errors: Sequence[AngleError]) -> None:
     if not errors:
         return
     title, columns = "Joint angles against the truth's, degrees", ("RMS", "offset-free", "frames")
-    table = _make_table(title, ("angle",), columns)
+    table = make_table(title, ("angle",), columns)
     for error in errors:
         figures = f"{error.rms:.1f}", f"{error.free:.1f}", str(error.n_frames)
         table.add_row(error.name, *figures, style=None if error.defined else "dim")
@@ -265,13 +263,6 @@ def print_angles(errors: Sequence[AngleError]) -> None:
         "offset-free: without the mean difference (the truth's rest pose is another); all: without "
         "the plane of elevation and axial rotation of arms, undefined where these hang"
     )
-
-
-def _make_table(title: str, names: Sequence[str], figures: Sequence[str]) -> Table:
-    table = Table(*names, title=title, title_justify="left")
-    for column in figures:
-        table.add_column(column, justify="right")
-    return table
 
 
 def _number(value: float | None) -> str:

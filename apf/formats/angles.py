@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from apf.body.anatomy import anatomical_frames
-from apf.body.angles import angles_between, decompose_zxy, unwrap_known
+from apf.body.angles import angles_between, decompose, unwrap_known
 from apf.body.kinematics import posed_joints
 from apf.body.limbs import limb_angles
 from apf.body.model import BodyModel
@@ -100,7 +100,7 @@ def opensim_coordinates(body: BodyModel, poses: np.ndarray) -> dict[str, np.ndar
     frames = anatomical_frames(body, poses)
     table: dict[str, np.ndarray] = {}
     if "pelvis" in frames:
-        turned = np.degrees(unwrap_known(decompose_zxy(FROM_Y_UP.T @ frames["pelvis"])))
+        turned = np.degrees(unwrap_known(decompose(FROM_Y_UP.T @ frames["pelvis"], "ZXY")))
         place = posed_joints(body, poses)[:, body.joint_names.index("pelvis")] @ TO_Y_UP.T
         table |= zip(_PELVIS, (*turned.T, *place.T), strict=True)
     angles = angles_between(frames)

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from apf.body.angles import decompose_zxy
+from apf.body.angles import decompose
 from apf.body.model import BodyModel
 from apf.formats.motion import BodyMotion
 from apf.formats.skeleton import Skeleton, build_skeleton
@@ -37,7 +37,7 @@ def write_bvh(path: str | Path, motion: BodyMotion) -> None:
         if not is_end(skeleton, index):
             if is_translating(motion.body, node.bone):
                 columns.append(100 * positions[:, index])
-            columns.append(np.degrees(make_continuous(decompose_zxy(rotations[:, index]))))
+            columns.append(np.degrees(make_continuous(decompose(rotations[:, index], "ZXY"))))
     lines += ["MOTION", f"Frames: {len(rows)}", f"Frame Time: {1 / rate:.8f}"]
     table = np.concatenate(columns, axis=1)[rows]
     with open_text(path) as file:

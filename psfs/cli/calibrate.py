@@ -36,7 +36,7 @@ from psfs.calibration.targets.target import Sighting, make_wand
 from psfs.cameras.calibration.toml_tables import write_toml_tables
 from psfs.cameras.camera import CameraRig
 from psfs.cameras.units import rotation_to_z_up
-from psfs.cli.commandline import progress_bar, stdout, warn
+from psfs.cli.commandline import make_table, progress_bar, stdout, warn
 from psfs.cli.person import calibrate_from_person
 from psfs.cli.refinement import refine
 from psfs.common.files import write_json
@@ -310,9 +310,8 @@ def _write_pictures(
 
 
 def _table(found: list[ViewReport]) -> Table:
-    table = Table("camera", title="Reprojection error, px", title_justify="left")
-    for title in ("mean", "median", "95 %", "frames", "picture covered"):
-        table.add_column(title, justify="right")
+    columns = ("mean", "median", "95 %", "frames", "picture covered")
+    table = make_table("Reprojection error, px", ["camera"], columns)
     for view in found:
         figures = [f"{view.figures()[key]:.2f}" for key in ("mean", "median", "p95")]
         seen = view.coverage

@@ -10,7 +10,7 @@ import numpy as np
 from rich.table import Table
 
 from cl import InputError, select_device
-from psfs.cli.commandline import progress_bar, stdout, warn
+from psfs.cli.commandline import make_table, progress_bar, stdout, warn
 from psfs.common.files import write_json
 from psfs.common.numbers import json_number
 from psfs.common.outputs import output_folder
@@ -132,9 +132,7 @@ def _format_truth(clouds: list[CloudScore]) -> str:
 def iou_table(title: str, names: list[str], scores: np.ma.MaskedArray) -> Table:
     """Return a table of mean and worst scores (frames, V): a row per camera, then one for all; a
     dash if there was nothing to compare."""
-    table = Table("camera", title=title, title_justify="left")
-    table.add_column("mean", justify="right")
-    table.add_column("worst frame", justify="right")
+    table = make_table(title, ["camera"], ["mean", "worst frame"])
     for name, column in zip(names, scores.T, strict=True):
         table.add_row(name, _cell(column.mean()), _cell(column.min()))
     table.add_section()

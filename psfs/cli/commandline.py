@@ -6,7 +6,7 @@ import argparse
 import logging
 import re
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from datetime import datetime
@@ -20,6 +20,7 @@ from psfs.common.ranges import escape_unprintable
 if TYPE_CHECKING:
     from rich.console import Console
     from rich.progress import Progress
+    from rich.table import Table
 
 
 def _printable(text: str) -> str:
@@ -179,3 +180,13 @@ def progress_bar() -> Progress:
     from psfs.cli.console import make_progress_bar
 
     return make_progress_bar(stderr.console, _state.quiet)
+
+
+def make_table(title: str, names: Sequence[str], figures: Sequence[str]) -> Table:
+    """Return a table without rows: columns of names, then of figures, to the right."""
+    from rich.table import Table
+
+    table = Table(*names, title=title, title_justify="left")
+    for column in figures:
+        table.add_column(column, justify="right")
+    return table

@@ -6,7 +6,7 @@ import numpy as np
 from rich.table import Table
 
 from cl import select_device
-from psfs.cli.commandline import progress_bar, remark, stdout, warn
+from psfs.cli.commandline import make_table, progress_bar, remark, stdout, warn
 from psfs.common.files import check_picture_name, write_picture
 from psfs.diagnostics.examination import diagnose, examine
 from psfs.diagnostics.sequence_info import UNIT_ASKED, SequenceInfo, sequence_info
@@ -65,9 +65,8 @@ def _say_faults(session: Session, warnings: list[str]) -> None:
 
 
 def _cameras(info: SequenceInfo) -> Table:
-    table = Table("camera", title="cameras", title_justify="left")
-    for column in ("size px", "focal px", "distance m", "height m", "frames"):
-        table.add_column(column, justify="right")
+    columns = ("size px", "focal px", "distance m", "height m", "frames")
+    table = make_table("cameras", ["camera"], columns)
     for camera in info.cameras:
         table.add_row(
             camera.name,

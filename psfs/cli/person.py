@@ -19,7 +19,7 @@ from psfs.cameras.calibration import find_calibration
 from psfs.cameras.calibration.toml_tables import write_toml_tables
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.names import join_names, match_files_to_cameras
-from psfs.cli.commandline import progress_bar, remark, stdout, warn
+from psfs.cli.commandline import make_table, progress_bar, remark, stdout, warn
 from psfs.common.files import write_json
 from psfs.common.progress import map_in_threads
 from psfs.common.ranges import check_number
@@ -204,9 +204,8 @@ def _uncertainty(found: PersonCalibration, view: int) -> dict[str, float]:
 
 
 def _table(rig: CameraRig, found: PersonCalibration) -> Table:
-    table = Table("camera", title="Cameras from the person", title_justify="left")
-    for title in ("late, frames", "position, m", "misfit, px"):
-        table.add_column(title, justify="right")
+    columns = ("late, frames", "position, m", "misfit, px")
+    table = make_table("Cameras from the person", ["camera"], columns)
     for camera, lag, misfit in zip(rig, found.lags, found.misfits, strict=True):
         place = ", ".join(f"{value:.2f}" for value in camera.centre)
         table.add_row(camera.name, f"{lag:+.2f}", place, f"{misfit:.2f}")

@@ -11,7 +11,7 @@ from rich.table import Table
 from cl import InputError, select_device
 from psfs.cameras.calibration.toml_tables import write_toml_tables
 from psfs.cameras.camera import CameraRig
-from psfs.cli.commandline import stdout
+from psfs.cli.commandline import make_table, stdout
 from psfs.common.files import write_json
 from psfs.common.requests import write_settings
 from psfs.common.system import versions
@@ -107,9 +107,8 @@ def _summary(
 
 def _table(rig: CameraRig, found: Alignment, accepted: bool) -> Table:
     title = "Corrections" if accepted else "Corrections, not applied"
-    table = Table("camera", title=title, title_justify="left")
-    for column in ("turned, degrees", "shifted, mm", "focal length, %", "late, frames", "px"):
-        table.add_column(column, justify="right")
+    columns = ("turned, degrees", "shifted, mm", "focal length, %", "late, frames", "px")
+    table = make_table(title, ["camera"], columns)
     formats = ("{:.2f} ± {:.2f}", "{:.0f} ± {:.0f}", "{:+.2f} ± {:.2f}", "{:+.2f} ± {:.2f}")
     for view, camera in enumerate(rig):
         figures = _figures(found, view).values()

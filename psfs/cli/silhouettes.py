@@ -8,7 +8,7 @@ import numpy as np
 from rich.table import Table
 
 from cl import select_device
-from psfs.cli.commandline import progress_bar, stdout, warn
+from psfs.cli.commandline import make_table, progress_bar, stdout, warn
 from psfs.common.files import write_json, write_picture
 from psfs.common.numbers import json_number, pick_evenly
 from psfs.common.outputs import OutputFolder, output_folder
@@ -108,10 +108,9 @@ class _Report:
         masks."""
         scores = self._stack_scores()
         known = not np.ma.is_masked(scores[..., 0].mean())
-        table = Table("camera", title=f"Silhouettes in {len(scores)} frames", title_justify="left")
         titles = ("mean IoU", "worst frame", "missed", "too much") if known else ()
-        for title in (*titles, "share of the picture"):
-            table.add_column(title, justify="right")
+        columns = (*titles, "share of the picture")
+        table = make_table(f"Silhouettes in {len(scores)} frames", ["camera"], columns)
         for name, of in zip(self.sequence.rig.names, np.ma.swapaxes(scores, 0, 1), strict=True):
             table.add_row(name, *_cells(of, known))
         table.add_section()
