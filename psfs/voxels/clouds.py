@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +11,7 @@ import scipy
 from cl import InputError
 from psfs.common.files import write_atomically
 from psfs.common.npz import Values, check_values, get_scalar, read_npz
+from psfs.common.regions import split_regions
 from psfs.voxels.config import DEBRIS_SHARE
 from psfs.voxels.grid import VoxelCloud, VoxelGrid, check_size
 
@@ -44,9 +44,9 @@ def remove_debris(cloud: VoxelCloud, share: float = DEBRIS_SHARE) -> VoxelCloud:
     """
     if not len(cloud) or share <= 0:
         return cloud
-    label = label_connected_parts(cloud)
-    sizes = np.bincount(label)
-    kept = sizes[label] >= share * sizes.max()
+    parts = split_regions(cloud.indices, cloud.grid.shape)
+    large = [part for part in parts if len(part) >= share * len(parts[0])]
+    kept = np.isin(cloud.indices, np.concatenate(large))
     return replace(
         cloud,
         indices=cloud.indices[kept],
@@ -54,28 +54,6 @@ def remove_debris(cloud: VoxelCloud, share: float = DEBRIS_SHARE) -> VoxelCloud:
         colour=None if cloud.colour is None else cloud.colour[kept],
         volume=cloud.volume - float((~kept).sum()) * cloud.grid.voxel_size**3,
     )
-
-
-def label_connected_parts(cloud: VoxelCloud) -> np.ndarray:
-    """Return (N,) int: number of the connected part that each voxel belongs to.
-
-    Only the cloud's voxels are read, not its grid, which may be a thousand times as large.
-    """
-    i, j, k = np.unravel_index(cloud.indices, cloud.grid.shape)
-    _, ny, nz = cloud.grid.shape
-    # Flat indices in a grid with a border, where no neighbour of a voxel lies in another row.
-    flat = (i * (ny + 2) + j) * (nz + 2) + k
-    around = product((-1, 0, 1), repeat=3)
-    steps = [(x * (ny + 2) + y) * (nz + 2) + z for x, y, z in around]
-    pairs = []
-    for step in (step for step in steps if step > 0):  # each pair once
-        found = np.minimum(np.searchsorted(flat, flat + step), len(flat) - 1)
-        voxels = np.flatnonzero(flat[found] == flat + step)
-        pairs.append((voxels, found[voxels]))
-    rows, columns = np.concatenate(pairs, axis=1)
-    links = scipy.sparse.coo_array((np.ones(len(rows), bool), (rows, columns)), (len(flat),) * 2)
-    _, label = scipy.sparse.csgraph.connected_components(links, directed=False)
-    return np.asarray(label)
 
 
 def coarsen(cloud: VoxelCloud, factor: int) -> VoxelCloud:

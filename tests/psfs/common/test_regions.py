@@ -2,8 +2,15 @@
 
 import numpy as np
 import pytest
+from scipy import ndimage
 
-from psfs.common.regions import bounding_box, find_largest_region_box, iou, keep_large_regions
+from psfs.common.regions import (
+    bounding_box,
+    find_largest_region_box,
+    iou,
+    keep_large_regions,
+    split_regions,
+)
 
 
 def test_iou() -> None:
@@ -41,3 +48,16 @@ def test_bounding_box() -> None:
     assert bounding_box(region) is None
     region[2, 5] = region[4, 3] = True
     assert bounding_box(region) == (slice(2, 5), slice(3, 6))
+
+
+@pytest.mark.parametrize("density", [0.01, 0.06, 0.3])
+def test_parts_are_those_of_the_whole_grid(density: float) -> None:
+    """Also of voxels at opposite borders, which are neighbours in memory only."""
+    for shape in ((9, 5, 7), (1, 12, 3), (4, 4, 4)):
+        flags = np.random.default_rng(1).random(shape) < density
+        flags[0, 0, 0] = True
+        labels, count = ndimage.label(flags, np.ones((3, 3, 3)))
+        expected = {tuple(np.flatnonzero(labels == number)) for number in range(1, count + 1)}
+        parts = split_regions(np.flatnonzero(flags), shape)
+        assert {*map(tuple, parts)} == expected and len(parts) == count
+        assert sorted(map(len, parts), reverse=True) == [*map(len, parts)]

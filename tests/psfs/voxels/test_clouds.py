@@ -6,14 +6,12 @@ import numpy as np
 import pytest
 import trimesh
 from helpers import scenes
-from scipy import ndimage
 
 from psfs.mesh.preview import load_open3d
 from psfs.reference.surface import surface_voxels
 from psfs.voxels.clouds import (
     coarsen,
     estimate_normals,
-    label_connected_parts,
     read_cloud,
     remove_debris,
     write_cloud,
@@ -77,21 +75,6 @@ def test_debris_is_dropped() -> None:
     np.testing.assert_array_equal(kept.indices, clean.indices)
     assert kept.volume == pytest.approx(clean.volume)
     assert len(remove_debris(dirty, 0)) == len(dirty)
-
-
-@pytest.mark.parametrize("density", [0.01, 0.06, 0.3])
-def test_parts_are_those_of_the_whole_grid(density: float) -> None:
-    """Also of voxels at opposite borders, which are neighbours in memory only."""
-    for shape in ((9, 5, 7), (1, 12, 3), (4, 4, 4)):
-        flags = np.random.default_rng(1).random(shape) < density
-        flags[0, 0, 0] = True
-        indices = np.flatnonzero(flags).astype(np.int32)
-        grid = VoxelGrid(np.zeros(3), 1.0, shape)
-        cloud = VoxelCloud(grid, indices, np.ones(len(indices), np.float32))
-        expected = ndimage.label(flags, np.ones((3, 3, 3)))[0].ravel()[indices]
-        ours = label_connected_parts(cloud)
-        pairs = set(zip(ours.tolist(), expected.tolist(), strict=True))
-        assert len(pairs) == len(set(ours)) == len(set(expected))
 
 
 def test_a_coarser_cloud_covers_the_same_place() -> None:
