@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import scipy
 from numpy.typing import ArrayLike
@@ -63,6 +65,15 @@ def mean_known(values: ArrayLike, nothing: float = np.nan) -> float:
     """Return the mean of the finite values; `nothing` without any."""
     known = np.asarray(values)[np.isfinite(values)]
     return float(known.mean()) if known.size else nothing
+
+
+def jackknife(totals: np.ndarray, estimate: Callable[[np.ndarray], float]) -> np.ndarray:
+    """Return the pseudo-values (N,) of an estimate from sums of rows (N, K) of samples: their mean
+    is the estimate without its bias, their spread tells its deviation (Tukey 1958)."""
+    count, every = len(totals), totals.sum(axis=0)
+    rest = every - totals if count > 1 else totals
+    parts = np.array([estimate(row) for row in rest])
+    return np.asarray(count * estimate(every) - (count - 1) * parts)
 
 
 def json_number(value: float, digits: int = 5) -> float | None:

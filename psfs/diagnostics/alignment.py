@@ -40,7 +40,6 @@ from psfs.diagnostics.small_views import (
     Outline,
     SmallViews,
     mark_hidden_points,
-    shrink_hidden,
     small_views,
 )
 from psfs.session import Session
@@ -141,8 +140,7 @@ class RigFit:
         columns = [views.rig.names.index(name) for name in rig.names]
         small = CameraRig(tuple(views.rig[column] for column in columns))
         outlines = [[row[column] for column in columns] for row in views.outlines]
-        hidden = shrink_hidden(rig, small)
-        return cls(small, outlines if hidden is None else mark_hidden_points(outlines, hidden))
+        return cls(small, mark_hidden_points(outlines, rig, small))
 
     def measure(self, values: np.ndarray | None = None) -> float:
         """Return the median residual, px, of steady tips in the held-out frames, after corrections

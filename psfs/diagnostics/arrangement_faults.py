@@ -14,6 +14,7 @@ import scipy
 
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.names import join_names
+from psfs.common.numbers import jackknife
 from psfs.diagnostics.agreement import CameraAgreement
 from psfs.diagnostics.config import SPECKLE_SHARE
 from psfs.diagnostics.fault import Evidence, Fault, significant
@@ -54,27 +55,24 @@ def find_rearranged(evidence: Evidence) -> Iterator[Fault]:
     in another convention or with another lens: the explanation that leaves the least misfit.
 
     Statistic: the share of the misfit of the changed cameras that the explanation removes, by
-    stretches of frames; it must be above `_LEAST_GAIN` by a t test. It must explain more than
-    late cameras do and, if it changes all cameras, more than a single one that is wrong.
+    stretches of frames; it must be above `_LEAST_GAIN` by a t test. If it changes all cameras, it
+    must explain more than a single one that is wrong.
     """
     tangency = evidence.tangency
     before = tangency.unchanged
     if len(evidence.sound) < 2 or not math.isfinite(before.cost):
         return
-    late = evidence.offsets.any()
     tried = [*_try_flips(evidence), *_try_conventions(evidence)]
     order = _find_order(evidence, before)
     if order != list(range(len(order))):
         tried.append(_describe_exchange(evidence.names, order, _compare_order(tangency, order)))
-    elif not late:
+    elif not evidence.offsets.any():
         tried += _try_lenses(evidence)
     alone = min((before.without(v) for v in evidence.sound), default=np.inf)
-    least = (1 - _LEAST_GAIN) * (evidence.in_time.cost if late else np.inf)
     fitting = [
         trial
         for trial in tried
         if significant(before.measure_gain(trial.after, trial.views), _LEAST_GAIN, len(tried))
-        and trial.after.cost < least
         and not (len(trial.views) > 2 and trial.after.cost > (1 - _LEAST_GAIN) * alone)
     ]
     if fitting:
@@ -238,8 +236,8 @@ def find_disagreeing(evidence: Evidence) -> Iterator[Fault]:
 
 
 def find_outlier(agreement: CameraAgreement) -> tuple[int, np.ndarray]:
-    """Return the camera without which the others agree best, and the logarithms by how much better
-    than with it: pseudo-values (S,) of the jackknife over frames.
+    """Return the camera without which the others agree best, and the logarithms (S,) by how much
+    better than with it in each frame, see `jackknife`.
 
     What the camera itself shows outside the hull of the others counts, if it is less: a camera
     before which furniture stands only lacks what the others show, and one that shows nobody in a
@@ -254,12 +252,8 @@ def find_outlier(agreement: CameraAgreement) -> tuple[int, np.ndarray]:
     beside = np.nan_to_num(agreement.own[:, view])
     rows = np.column_stack([agreement.with_others(view), beside, without[:, view]])[known]
 
-    def gain(shares: np.ndarray) -> float:
-        return math.log((min(shares[0], shares[1]) + SPECKLE_SHARE) / (shares[2] + SPECKLE_SHARE))
-
-    count, total = len(rows), rows.sum(0)
-    parts = [gain((total - row) / max(count - 1, 1)) for row in rows]
-    return view, count * gain(total / count) - (count - 1) * np.array(parts)
+    rows = np.column_stack([rows, np.full(len(rows), SPECKLE_SHARE)])
+    return view, jackknife(rows, lambda of: math.log((min(of[0], of[1]) + of[3]) / (of[2] + of[3])))
 
 
 def _accuse(evidence: Evidence, view: int, agreement: CameraAgreement, number: int) -> Fault:

@@ -13,13 +13,8 @@ import scipy
 from psfs.cameras.camera import CameraRig
 from psfs.common.numbers import FALSE_ALARMS
 from psfs.diagnostics.agreement import HullAgreement
-from psfs.diagnostics.small_views import (
-    Outline,
-    SmallViews,
-    mark_hidden_points,
-    shrink_hidden,
-)
-from psfs.diagnostics.tangency import PairSums, Tangency
+from psfs.diagnostics.small_views import SmallViews, mark_hidden_points
+from psfs.diagnostics.tangency import Tangency
 from psfs.footage.camera_times import CameraTimes
 from psfs.sequence import Sequence
 
@@ -87,8 +82,7 @@ class Evidence:
         """Differences between the cameras' extreme planes."""
         gone = set(range(len(self.names))) - set(self.sound)
         rows = [[None if v in gone else o for v, o in enumerate(r)] for r in self.views.outlines]
-        hidden = shrink_hidden(self.sequence.rig, self.rig)
-        return Tangency(self.rig, rows if hidden is None else mark_hidden_points(rows, hidden))
+        return Tangency(self.rig, mark_hidden_points(rows, self.sequence.rig, self.rig))
 
     @cached_property
     def agreement(self) -> HullAgreement:
@@ -112,19 +106,6 @@ class Evidence:
         sure = times.chances < FALSE_ALARMS
         sure &= np.abs(times.offsets) - 2 * times.sigmas > 1
         return np.where(sure, times.whole, 0)
-
-    @cached_property
-    def in_time(self) -> PairSums:
-        """Costs of the pairs of cameras after late ones were shifted."""
-        rows, n = self.tangency.outlines, len(self.tangency.outlines)
-        shifted: list[list[Outline | None]] = [
-            [
-                rows[frame + by][view] if 0 <= frame + by < n else None
-                for view, by in enumerate(self.offsets)
-            ]
-            for frame in range(n)
-        ]
-        return Tangency(self.rig, shifted).unchanged
 
 
 def significant(samples: np.ndarray, least: float, tests: int = 1) -> bool:

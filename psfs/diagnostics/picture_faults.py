@@ -12,6 +12,7 @@ from psfs.background.gaussian import STD_FLOOR
 from psfs.cameras.names import join_names
 from psfs.common.numbers import find_true_runs
 from psfs.diagnostics.fault import Evidence, Fault, significant
+from psfs.diagnostics.person_in_view import find_person_in_views
 from psfs.volume import describe_expected_person
 
 #: Share of a picture that a person fills at most.
@@ -316,12 +317,9 @@ def find_flicker(evidence: Evidence) -> Iterator[Fault]:
 
 def find_cut(evidence: Evidence) -> Iterator[Fault]:
     """Yield a note on cameras beyond whose pictures the person reaches in most frames."""
-    cut = []
-    for view in evidence.sound:
-        outlines = [row[view] for row in evidence.views.outlines]
-        at_border = [one.at_border.any() for one in outlines if one is not None]
-        if at_border and np.mean(at_border) > 0.5:
-            cut.append(evidence.names[view])
+    persons = find_person_in_views(evidence.rig, evidence.views.outlines, scale=1.0)
+    views = [persons[view] for view in evidence.sound]
+    cut = [view.camera for view in views if view.edge and view.whole < 0.5]
     if cut:
         text = (
             f"what is filmed reaches beyond the pictures of {join_names(cut)} in most frames; "

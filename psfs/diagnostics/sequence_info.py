@@ -13,7 +13,7 @@ from psfs.cameras.rig_geometry import (
     find_seen_box,
     find_seen_points,
     intersect_axes,
-    keep_seen,
+    required_cameras,
     required_views,
 )
 from psfs.sequence import Sequence
@@ -141,17 +141,15 @@ def _blind_warnings(rig: CameraRig) -> list[str]:
     """Return warnings of cameras that see nothing of the box that most others see."""
     if len(rig) == 1:
         return []
-    warnings = []
-    for camera in rig:
-        others = CameraRig(tuple(other for other in rig if other is not camera))
-        middle = intersect_axes(others)[None]
-        needed = required_views(others)
-        if camera.look_up(middle)[0].all() and len(keep_seen(others, middle, needed)):
-            continue  # a search of the whole volume takes 0.2 s for each of a hundred cameras
-        shared = find_seen_points(others, needed)
-        if len(shared) and not camera.look_up(shared)[0].any():
-            warnings.append(f"camera {camera.name} sees nothing of the volume the others share")
-    if find_seen_box(rig, 2) is None:
+    points = find_seen_points(rig, 1)
+    seen = np.stack([camera.look_up(points)[0] for camera in rig])
+    shared = seen.sum(axis=0) - seen >= required_cameras(len(rig) - 1, 0.75)
+    blind = shared.any(axis=1) & ~(shared & seen).any(axis=1)
+    warnings = [
+        f"camera {rig.names[view]} sees nothing of the volume the others share"
+        for view in np.flatnonzero(blind)
+    ]
+    if not (seen.sum(axis=0) > 1).any():
         warnings.append("no point is seen by two cameras")
     return warnings
 

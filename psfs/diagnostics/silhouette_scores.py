@@ -15,7 +15,7 @@ from psfs.cameras.camera import Camera, CameraRig
 from psfs.common.pictures import read_picture
 from psfs.common.regions import bounding_box, iou
 from psfs.diagnostics.reprojection_iou import volume_region
-from psfs.output.preview import crop_view, tile_pictures
+from psfs.output.preview import crop_view, label_picture, tile_pictures
 from psfs.sequence import Frame, Sequence
 from psfs.session import Session
 from psfs.volume import automatic_grid
@@ -123,24 +123,16 @@ def _scores(camera: Camera, mask: np.ndarray, truth: np.ndarray | None) -> list[
     return [iou(mask, truth), float(missed), float(extra), foreground]
 
 
-#: Width and height of a panel, and of the title above it, px.
-_PANEL, _TITLE = (480, 480), 24
-_DARKENED = 0.35  # brightness of the picture below the differences
-_MISSED, _EXTRA = (40, 40, 255), (40, 255, 40)  # BGR
-_GAP = 4  # px between panels
-_GROUND = 60  # grey level between and behind the panels
-
-_Part = tuple[slice, slice]
+#: Width and height of a panel and the gap after it, px; brightness of the picture below the
+#: differences, and their colours, BGR.
+_PANEL, _GAP, _DARKENED = (480, 480), 4, 0.35
+_MISSED, _EXTRA = (40, 40, 255), (40, 255, 40)
 
 
 def draw_mosaic(rig: CameraRig, result: Silhouettes) -> np.ndarray:
     """Draw (h, w, 3) uint8 BGR: a row per camera with the picture, the likelihood (black 0, white
     1), the silhouette and, if a true mask is known, the differences between the two."""
-    crops = [_part(camera, view, result) for view, camera in enumerate(rig)]
-    widest = max(_size(crop)[0] for crop in crops)
-    return tile_pictures(
-        [_row(camera, view, result, crops[view], widest) for view, camera in enumerate(rig)]
-    )
+    return tile_pictures([_draw_row(camera, view, result) for view, camera in enumerate(rig)])
 
 
 def draw_differences(picture: np.ndarray, mask: np.ndarray, truth: np.ndarray) -> np.ndarray:
@@ -153,56 +145,40 @@ def draw_differences(picture: np.ndarray, mask: np.ndarray, truth: np.ndarray) -
     return drawn
 
 
-def _row(
-    camera: Camera, view: int, result: Silhouettes, crop: _Part, width: int
-) -> list[np.ndarray]:
-    """Draw one view's panels, `width` px wide each."""
-    truth, score = result.truth[view], result.scores[view, 0]
+def _draw_row(camera: Camera, view: int, result: Silhouettes) -> list[np.ndarray]:
+    """Draw one view's panels: of what looks into the volume or belongs to the true mask, if there
+    is anything."""
+    truth, (width, height) = result.truth[view], camera.size
+    region = result.region[view] if truth is None else result.region[view] | truth
+    crop = bounding_box(region) or np.s_[:height, :width]
     picture = crop_view(result.frame, view, camera)[crop]
-    likelihood, mask = result.likelihood[view][crop], result.masks[view][crop]
-    panels = [picture, _grey(255 * likelihood), _grey(255 * mask)]
-    texts = [f"{camera.name}, frame {result.frame.index}", "likelihood", "silhouette"]
+    mask = result.masks[view][crop]
+    panels = {
+        f"{camera.name}, frame {result.frame.index}": picture,
+        "likelihood": _grey(result.likelihood[view][crop]),
+        "silhouette": _grey(mask),
+    }
     if truth is not None:
-        panels.append(draw_differences(picture, mask, truth[crop]))
-        known = "true mask empty" if np.isnan(score) else f"IoU {score:.3f}"
-        texts.append(f"{known}: missed red, too much green")
-    sized = [_fit(panel, _size(crop)) for panel in panels]
-    return [_add_label(*pair, width) for pair in zip(sized, texts, strict=True)]
+        known = (
+            "true mask empty"
+            if np.isnan(result.scores[view, 0])
+            else (f"IoU {result.scores[view, 0]:.3f}")
+        )
+        panels[f"{known}: missed red, too much green"] = draw_differences(
+            picture, mask, truth[crop]
+        )
+    return [_fit(panel, text) for text, panel in panels.items()]
 
 
-def _part(camera: Camera, view: int, result: Silhouettes) -> _Part:
-    """Return rows and columns of the picture that look into the volume or belong to the true mask;
-    all if there are none."""
-    region, truth = result.region[view], result.truth[view]
-    if truth is not None:
-        region = region | truth
-    width, height = camera.size
-    return bounding_box(region) or (slice(0, height), slice(0, width))
-
-
-def _size(crop: _Part) -> tuple[int, int]:
-    """Return width and height of a part enlarged or reduced to fit into `_PANEL`."""
-    height, width = (side.stop - side.start for side in crop)
-    scale = min(_PANEL[0] / width, _PANEL[1] / height)
-    return max(1, round(width * scale)), max(1, round(height * scale))
-
-
-def _fit(panel: np.ndarray, size: tuple[int, int]) -> np.ndarray:
+def _fit(panel: np.ndarray, text: str) -> np.ndarray:
+    """Return the panel enlarged or reduced to fit into `_PANEL`, with a text."""
+    scale = min(_PANEL / np.array(panel.shape[1::-1]))
     # Enlarged pixels stay square, so that each can be seen.
-    how = cv2.INTER_AREA if size[0] < panel.shape[1] else cv2.INTER_NEAREST
-    return cv2.resize(panel, size, interpolation=how)
+    how = cv2.INTER_AREA if scale < 1 else cv2.INTER_NEAREST
+    sized = cv2.resize(panel, None, fx=scale, fy=scale, interpolation=how)
+    return np.pad(label_picture(sized, text), ((0, _GAP), (0, _GAP), (0, 0)))
 
 
 def _grey(values: np.ndarray) -> np.ndarray:
-    """Return values (h, w) of 0..255 as a picture (h, w, 3) uint8."""
-    grey = np.clip(np.rint(values), 0, 255).astype(np.uint8)
-    return cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR)
-
-
-def _add_label(panel: np.ndarray, text: str, width: int) -> np.ndarray:
-    """Return the panel on a ground of `width` px, with `text` above it."""
-    sides, ground = (_TITLE, _GAP, 0, width + _GAP - panel.shape[1]), 3 * (_GROUND,)
-    drawn = cv2.copyMakeBorder(panel, *sides, cv2.BORDER_CONSTANT, value=ground)
-    at, font = (6, _TITLE - 7), cv2.FONT_HERSHEY_SIMPLEX
-    cv2.putText(drawn, text, at, font, 0.45, (255, 255, 255), 1, cv2.LINE_AA)
-    return drawn
+    """Return values (h, w) of 0 to 1 as a picture (h, w, 3) uint8."""
+    return cv2.cvtColor(np.rint(255.0 * values).astype(np.uint8), cv2.COLOR_GRAY2BGR)

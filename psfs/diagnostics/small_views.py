@@ -182,26 +182,18 @@ def extract_outline(mask: np.ndarray, least: int = 40) -> Outline | None:
     return Outline(corners, borders[0], int(areas.max()), points, borders[1])
 
 
-def shrink_hidden(rig: CameraRig, small: CameraRig) -> list[np.ndarray] | None:
-    """Return the hidden pixels (h, w) uint8 of each camera of `rig` in the pictures of `small`;
-    None if there are none."""
-    if rig.hidden is None:
-        return None
-    pairs = zip(rig.hidden, rig, small, strict=True)  # those of smaller cameras are padded
-    return [
-        cv2.resize(hidden[: camera.size[1], : camera.size[0]].view(np.uint8), other.size)
-        for hidden, camera, other in pairs
-    ]
-
-
 def mark_hidden_points(
-    outlines: list[list[Outline | None]], hidden: list[np.ndarray], near: int = 4
+    outlines: list[list[Outline | None]], rig: CameraRig, small: CameraRig, near: int = 4
 ) -> list[list[Outline | None]]:
-    """Return the outlines [frame][view] with the points within `near` px of hidden pixels marked as
-    points on the picture's border, since the person goes on behind furniture. The hidden pixels of
-    each view are (h, w) uint8."""
-    square = np.ones((2 * near + 1,) * 2, np.uint8)
-    wide = [cv2.dilate(mask, square) > 0 for mask in hidden]
+    """Return the outlines [frame][view] in the pictures of `small` with the points within `near` px
+    of the hidden pixels of `rig` marked as points on the picture's border, since the person goes on
+    behind furniture."""
+    if rig.hidden is None:
+        return outlines
+    square, wide = np.ones((2 * near + 1,) * 2, np.uint8), []
+    for hidden, camera, other in zip(rig.hidden, rig, small, strict=True):
+        whole = hidden[: camera.size[1], : camera.size[0]].view(np.uint8)  # padded, if smaller
+        wide.append(cv2.dilate(cv2.resize(whole, other.size), square) > 0)
 
     def cut(outline: Outline | None, where: np.ndarray) -> Outline | None:
         if outline is None:

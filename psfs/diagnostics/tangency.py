@@ -17,6 +17,7 @@ import numpy as np
 
 from psfs.cameras.camera import CameraRig
 from psfs.cameras.rig_geometry import intersect_axes_ahead, look_along_baseline
+from psfs.common.numbers import jackknife
 from psfs.diagnostics.hulls import HullRays
 from psfs.diagnostics.small_views import Outline
 from psfs.footage.camera_times import (
@@ -77,23 +78,15 @@ class PairSums:
         return float(_divide(self.sums[rest].sum(), self.counts[rest].sum()))
 
     def measure_gain(self, after: PairSums, views: Sequence[int]) -> np.ndarray:
-        """Return by which share the cost of the pairs of `views` is less after a change.
-
-        One value (B,) for each stretch of frames: the jackknife's pseudo-values, whose mean is the
-        gain and whose spread tells its deviation.
-        """
+        """Return by which share the cost of the pairs of `views` is less after a change, in each
+        stretch of frames (B,), see `jackknife`."""
         rows = np.zeros(self.sums.shape[1], bool)
         rows[list(views)] = True
         pairs = np.triu(rows[:, None] | rows[None], 1)
-        both = np.stack([self.sums, self.counts, after.sums, after.counts])[..., pairs].sum(-1)
-        both = both[:, both[1] > 0]
-        every, count = both.sum(1), both.shape[1]
-        rest = every[:, None] - both if count > 1 else both
-
-        def gain(totals: np.ndarray) -> np.ndarray:
-            return 1 - _divide(_divide(totals[2], totals[3]), _divide(totals[0], totals[1]))
-
-        return np.asarray(count * gain(every) - (count - 1) * gain(rest))
+        both = np.stack([self.sums, self.counts, after.sums, after.counts])[..., pairs].sum(-1).T
+        return jackknife(
+            both[both[:, 1] > 0], lambda of: float(1 - _divide(of[2] * of[1], of[3] * of[0]))
+        )
 
 
 def _divide(a: np.ndarray, b: np.ndarray) -> np.ndarray:

@@ -136,14 +136,14 @@ def test_what_silhouettes_cannot_tell_is_held() -> None:
 
 
 def test_outlines_end_at_furniture(outlines: list[list[Outline | None]]) -> None:
-    hidden = [np.zeros(camera.size[::-1], np.uint8) for camera in EXACT]
+    hidden = np.zeros((len(EXACT), EXACT.height, EXACT.width), bool)
     whole = outlines[0][0]
     assert whole is not None and not whole.at_border.any()
     x, y = whole.points[0].astype(int)
-    hidden[0][y, x] = 1
-    cut = mark_hidden_points(outlines, hidden)[0][0]
+    hidden[0, y, x] = True
+    cut, same = mark_hidden_points(outlines, EXACT.with_hidden(hidden), EXACT)[0][:2]
     assert cut is not None and cut.at_border[0] and not cut.at_border.all()
     assert cut.contour_at_border.any() and not cut.contour_at_border.all()
-    other, same = outlines[0][1], mark_hidden_points(outlines, hidden)[0][1]
+    other = outlines[0][1]
     assert other is not None and same is not None
     np.testing.assert_array_equal(other.at_border, same.at_border)
