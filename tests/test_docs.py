@@ -77,25 +77,6 @@ def test_paths_named_in_the_code_exist() -> None:
     assert not missing
 
 
-@pytest.mark.parametrize(
-    ("page", "mark"),
-    [
-        ("README.md", "headline accuracy"),
-        ("README.md", "headline speed"),
-        ("docs/accuracy.md", "suite"),
-        ("docs/accuracy.md", "hard"),
-        ("docs/accuracy.md", "peers"),
-        ("docs/papers.md", "trial"),
-        ("docs/speed.md", "timings"),
-    ],
-)
-def test_scripts_find_their_marks(page: str, mark: str) -> None:
-    text = (ROOT / page).read_text()
-    begin, end = f"<!-- {mark}: begin -->", f"<!-- {mark}: end -->"
-    assert text.count(begin) == text.count(end) == 1
-    assert text.index(begin) < text.index(end)
-
-
 def test_code_of_the_stage_is_the_repositorys() -> None:
     """Every block under `path`: is in that file, but for its dots."""
     text = (ROOT / "docs" / "add_a_stage.md").read_text()

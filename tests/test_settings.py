@@ -8,7 +8,8 @@ import pytest
 
 import apf.presets
 import apf.settings
-from psfs.common.config import Config, about, part_kind
+import psfs
+from psfs.common.config import Config, part_kind
 from psfs.common.requests import Request
 
 ROOT = Path(__file__).parents[1]
@@ -34,17 +35,9 @@ def test_every_class_of_settings_is_in_the_tree() -> None:
     outside = {apf.presets.Preset}  # a choice of it
     assert classes() - outside == below(TREE)
     assert len(below(TREE)) > 30
-
-
-@pytest.mark.parametrize("kind", sorted(below(TREE), key=lambda k: k.__qualname__))
-def test_every_setting_says_what_it_is_and_where_it_comes_from(kind: type[Config]) -> None:
-    assert kind.__doc__
-    for name, field in kind.model_fields.items():
-        if part_kind(field) is None:  # a part is described by its class
-            text = field.description or ""
-            assert text[:1].isupper() or text.startswith('"'), f"{name}: {text}"
-            assert text.endswith("."), f"{name}: {text}"
-            assert about(field, "source") or kind.SOURCE, f"{name} has no source"
+    public = below(psfs.ReconstructionConfig) | below(apf.Method)
+    homes = {kind: psfs if kind.__module__.startswith("psfs.") else apf for kind in public}
+    assert all(getattr(home, kind.__name__) is kind for kind, home in homes.items())
 
 
 @pytest.mark.parametrize("kind", sorted(below(TREE), key=lambda k: k.__qualname__))

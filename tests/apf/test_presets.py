@@ -45,6 +45,8 @@ def test_song_is_what_the_paper_has() -> None:
     off = ("refinement_steps", "limb_search_reach", "trunk_layers", "velocity")
     assert not any(settings[name] for name in off) and not settings["foreground_join"]
     assert (settings["n_particles"], settings["n_layers"]) == (200, 10)
+    named = FilterConfig.create(**parse_weights("edge=1,silhouette"))
+    assert named.likelihood == preset("song").method.filter.likelihood
     silhouette = preset("song").reconstruction.silhouette
     assert not silhouette.floor.on and not silhouette.rim.on and silhouette.smoothing.reach == 0
 
@@ -55,15 +57,6 @@ def test_rymut_sums_distances_along_edges_and_the_impulse_is_an_option() -> None
     assert (near.nearest, near.farthest, near.span) == (10.0, 100.0, 0.25)  # figure 4.12
     impulse = method_of("--preset", "rymut", "--proximity", "impulse").features.proximity
     assert impulse == near.replace(function="impulse")
-
-
-def test_a_likelihood_by_name_has_these_terms_alone() -> None:
-    settings = FilterConfig.create(**parse_weights("edge=1,silhouette")).settings
-    weights = {k: v for k, v in settings.items() if k.endswith("_weight") or k == "least_recall"}
-    assert {k: v for k, v in weights.items() if v} == {"edge_weight": 1, "silhouette_weight": 1}
-    assert not settings["foreground_join"]
-    song = preset("song").method.filter.likelihood
-    assert FilterConfig.create(**parse_weights("edge=1,silhouette")).likelihood == song
 
 
 def test_flags_and_config_beat_a_preset(tmp_path: Path) -> None:

@@ -1,12 +1,14 @@
 """A body that walks straight on, its feet planted while they stand: true steps for the tests."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from apf.body.kinematics import posed_joints
 from apf.body.model import BodyModel
 from apf.body.toml import load_body
+from apf.synthetic.gait import GaitModel
+from apf.synthetic.walk import Walk
 from apf.tracking.track import Track
 
 SONG = load_body("song31")
@@ -70,6 +72,14 @@ def track_of_poses(body: BodyModel, poses: np.ndarray, fps: float = 60.0) -> Tra
         edges=np.array(body.edges),
         body=body,
     )
+
+
+def synthetic_walker(walk: Walk, frames: int) -> Track:
+    """A track of the true joints of `apf synth`'s walker, who goes round in a curve."""
+    track, gait = strider(frames), GaitModel(walk)
+    joints = gait.skeleton.joints(gait.motion(track.times))
+    columns = [gait.skeleton.joint_names.index(name) for name in track.joint_names]
+    return replace(track, joints=joints[:, columns])
 
 
 def _set(poses: np.ndarray, name: str, values: np.ndarray) -> None:

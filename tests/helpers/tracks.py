@@ -4,12 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from apf.body.kinematics import posed_joints
 from apf.body.toml import load_body
 from apf.evaluation.joint_names import EVALUATED_JOINTS
 from apf.formats.trc import JointSeries
 from apf.tracking.people import PeopleTracks
 from apf.tracking.track import Track
+from helpers.striders import track_of_poses
 
 
 def walker(frames: int = 30, start: int = 0, fps: float = 60.0, body_name: str = "song31") -> Track:
@@ -25,18 +25,11 @@ def walker(frames: int = 30, start: int = 0, fps: float = 60.0, body_name: str =
     for name, sign in (("l_thigh.ry", 1), ("r_thigh.ry", -1)):
         poses[:, body.dof_names.index(name)] += sign * 0.4 * np.sin(6 * phase)
     layers = np.linspace(0, 1, frames * 4).reshape(frames, 4)
-    return Track(
-        body_name=body.name,
-        dof_names=body.dof_names,
-        joint_names=tuple(body.joint_names),
-        fps=fps,
+    return replace(
+        track_of_poses(body, poses, fps),
         frames=np.arange(start, start + frames),
-        poses=poses,
-        joints=posed_joints(body, poses),
-        edges=np.array(body.edges),
         diagnostics={"ess": 100 * layers, "best_log_weight": -layers},
         provenance='{"seed": 7}',
-        body=body,
     )
 
 

@@ -17,14 +17,12 @@ from timings.report import (
 )
 from timings.results import Results
 from timings.stages import find_stage, stage_times
-from timings.whole_tables import papers
 
 from apf.body.toml import load_body
 from apf.filters.config import FilterConfig
 from apf.initialisation.from_joints import fit_to_joints
 from apf.synthetic.render import SyntheticScene
 from apf.synthetic.scene import SceneConfig
-from apf.timings.measure import Timing
 from apf.timings.scene import Problem, Scene, WholeFrame, sequence_run, stream_run
 from cl import Device, InputError, NumpyDevice
 from psfs.background.gaussian import Background
@@ -34,37 +32,6 @@ from psfs.sequence import Frame
 def arguments(folder: Path, **changes: Any) -> argparse.Namespace:
     given = {"out": folder, "quick": True, "seconds": None, "resume": False, "commit": "abc"}
     return argparse.Namespace(**{**given, **changes})
-
-
-def times(ms: float, n: int) -> Timing:
-    return Timing(tuple(ms + 0.01 * k for k in range(n)))
-
-
-def takes(folder: Path, n_gpus: int) -> None:
-    """Made-up takes per minute, those of two GPUs left out."""
-    results = Results.begin("batch", arguments(folder), {})
-    gpu = {"name": "Some GPU", "platform": "CUDA", "driver": "1", "kind": "gpu"}
-    results.environment["devices"] = [{**gpu, "compute_units": 9}] * n_gpus
-    results.environment["cores"] = 4
-    row = {"workers": 1, "gpus": 1, "takes": 4, "frames_per_s": 8.0, "stages": {"reading": 2.0},
-           "core_s": 30.0}  # fmt: skip
-    for n, rate in ((1, 10.0), (2, 19.0)):
-        of = {**row, "per_minute": rate}
-        results.section(f"workers 1 GPU, {n} at once", lambda of=of: of)
-    results.section("decoding", lambda: {"frames": 3, "ms": 1.0, "core_ms": 5.0})
-    results.section("workers 2 GPUs, 2 at once", lambda: 1, quick=False)
-
-
-def test_every_column_of_songs_table_4_has_the_mean_that_table_2_prints() -> None:
-    song = papers()["song2012"]["tables"]
-    per_frame = np.array(song["4"]["rows"], dtype=float)
-    assert np.array_equal(per_frame[:, 0], np.arange(1, 201))
-    printed = [run for row in (0, 1, 3) for run in song["2"]["rows"][row][1:4]]
-    # The last run lacks a frame that is not legible.
-    np.testing.assert_allclose(np.nanmean(per_frame[:, 1:], 0), printed, rtol=4e-5)
-    averages = {name: average for name, *_, average in song["2"]["rows"]}
-    ratios = {name: final for name, _, final in song["3"]["rows"]}
-    assert ratios["GPU / CPU"] == pytest.approx(averages["CPU"] / averages["GPU (final)"], rel=1e-5)
 
 
 def test_what_is_missing_is_told_and_measured_when_resumed(tmp_path: Path) -> None:

@@ -14,16 +14,8 @@ from apf.tracking.track import Track
 
 def part_of(track: Track, begin: int, end: int, shift: np.ndarray | float = 0.0) -> Track:
     """Return frames begin to end of a track, moved by `shift` (F,) m."""
-    rows = slice(begin, end)
-    moved = track.joints[rows] + np.reshape(shift * np.ones(end - begin), (-1, 1, 1))
-    diagnostics = {name: values[rows] for name, values in track.diagnostics.items()}
-    return replace(
-        track,
-        frames=track.frames[rows],
-        poses=track.poses[rows],
-        joints=moved,
-        diagnostics=diagnostics,
-    )
+    part = track.select(np.arange(begin, end))
+    return replace(part, joints=part.joints + np.reshape(shift * np.ones(len(part)), (-1, 1, 1)))
 
 
 def test_parts_cover_all_and_overlap() -> None:

@@ -5,11 +5,6 @@ import pytest
 
 from apf.filters.config import FilterConfig, SearchConfig
 from apf.filters.term_weights import parse_weights
-from apf.likelihood.config import LikelihoodConfig
-
-
-def of_terms(text: str) -> FilterConfig:
-    return FilterConfig.create(**parse_weights(text))
 
 
 def test_schedules() -> None:
@@ -18,17 +13,6 @@ def test_schedules() -> None:
     )
     np.testing.assert_allclose(config.survival_rates, [0.6, 0.5, 0.4, 0.3, 0.2])
     np.testing.assert_allclose(config.layer_noise, [2, 1, 0.5, 0.25, 0.125])
-
-
-def test_terms_of_the_likelihood_by_name() -> None:
-    default = LikelihoodConfig()
-    song = of_terms("edge,silhouette").likelihood
-    assert song.weights.tolist() == [default.edge_weight, default.silhouette_weight, 0, 0]
-    assert song.part_colour.weight == song.contour.weight == 0
-    assert song.posture_prior_weight == 0 and not song.foreground_join
-    assert of_terms("surface=2.5").likelihood.weights.tolist() == [0, 0, 2.5, 0]
-    every = of_terms("edge,silhouette,surface,overlap,posture,part_colour,contour,pictures")
-    assert every == FilterConfig.create(limb_search_least_recall=0.0)
 
 
 def test_single_settings_find_their_parts() -> None:
@@ -40,5 +24,9 @@ def test_single_settings_find_their_parts() -> None:
     other = config.with_changes(limb_search_reach=2.0)
     assert other.limb_search.reach == 2 and other.search == config.search
     assert FilterConfig.create(**other.settings) == other
+    every = "edge,silhouette,surface,overlap,posture,part_colour,contour,pictures"
+    named = FilterConfig.create(**parse_weights(every))
+    assert named == FilterConfig.create(limb_search_least_recall=0.0)
+    assert parse_weights("surface=2.5")["surface_weight"] == 2.5
     with pytest.raises(TypeError, match="no setting of a filter: two_sided"):
         FilterConfig.create(two_sided=1.0)

@@ -1,4 +1,4 @@
-"""Persons of several cameras assigned to people, whatever their order in the pictures."""
+"""Persons of several cameras assigned to people, whatever their order, and to those in voxels."""
 
 from typing import Any
 
@@ -6,13 +6,18 @@ import numpy as np
 from helpers import scenes
 from helpers.keypoints import of_poses
 
+from apf.body.kinematics import posed_joints
 from apf.body.toml import load_body
-from apf.keypoints.association import associate_people, count_at_once
+from apf.keypoints.association import associate_people, count_at_once, match_to_people
 from psfs.cameras.camera import CameraRig
+from psfs.people.people import People, Person
+from psfs.voxels.grid import VoxelGrid
 
 RIG = scenes.ring(4, size=(640, 480), radius=5.0)
 BODY = load_body("song31")
 FRAMES, FPS = 24, 12.0
+NEAR = scenes.ring(4, size=(640, 480))
+GRID = VoxelGrid.covering(np.array([-1.5, -1.5, 0.0]), np.array([1.5, 1.5, 2.0]), 0.08)
 
 
 def walker(start: tuple[float, float], step: tuple[float, float], **options: Any) -> np.ndarray:
@@ -101,3 +106,42 @@ def test_two_cameras_are_enough() -> None:
     found = associate_people(shuffled(people), rig, FPS)
     shares = np.array([[same(own, true) for true in people] for own in found])
     assert sorted(shares.max(1)) == [1, 1]
+
+
+def walk(side: float) -> np.ndarray:
+    """Poses (6, D) of somebody who walks along x at y = side."""
+    poses = np.tile(BODY.rest_pose, (6, 1))
+    poses[:, 0] += 0.05 * np.arange(6)
+    poses[:, 1] += side
+    return poses
+
+
+def voxels_of(poses: np.ndarray) -> Person:
+    """The coarse voxels within 15 cm of each frame's joints."""
+    found = {}
+    for frame, joints in enumerate(posed_joints(BODY, poses)):
+        away = np.linalg.norm(GRID.centres()[:, None] - joints, axis=-1).min(1)
+        found[frame] = np.flatnonzero(away < 0.15)
+    return Person(np.arange(6), found)
+
+
+def test_identities_that_pictures_exchange_are_put_right() -> None:
+    walks = [walk(-0.5), walk(0.5)]
+    true = [of_poses(NEAR, BODY, poses) for poses in walks]
+    people = People(range(6), GRID, tuple(map(voxels_of, walks)))
+    exchanged = [one.points.copy() for one in true]
+    for one, other in ((0, 1), (1, 0)):
+        exchanged[one][:, 3:] = true[other].points[:, 3:]
+    exchanged[1][:, 2] = np.nan  # unseen there
+    first, second = match_to_people(np.stack(exchanged), people, NEAR)
+    np.testing.assert_array_equal(first, true[0].points)
+    expected = true[1].points.copy()
+    expected[:, 2] = np.nan
+    np.testing.assert_array_equal(second, expected)
+
+
+def test_keypoints_far_from_the_voxels_are_nobodys() -> None:
+    people = People(range(6), GRID, (voxels_of(walk(-1.0)), voxels_of(walk(0.0))))
+    aside = of_poses(NEAR, BODY, walk(1.0))
+    given = aside.points[None]
+    assert all(np.isnan(points).all() for points in match_to_people(given, people, NEAR))

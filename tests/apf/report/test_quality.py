@@ -1,4 +1,4 @@
-"""Judging a track without ground truth: wrong limbs are found, right ones are not."""
+"""Judging a track without ground truth: wrong limbs and impossible motion, and neither if sound."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers import tracks
+from helpers.striders import strider, synthetic_walker
 
 from apf.body.kinematics import posed_cones, posed_joints
 from apf.body.model import BodyModel
@@ -18,7 +19,9 @@ from apf.report.agreement import (
     measure_explained,
     measure_keypoint_agreement,
 )
+from apf.report.motion_limits import find_impossible_motion
 from apf.report.quality import Quality
+from apf.synthetic.walk import Walk
 from apf.tracking.track import Track
 from cl import Device
 from psfs.sequence import Sequence
@@ -194,3 +197,56 @@ def test_frames_without_the_person_are_not_judged() -> None:
     said = visitor.lines()[0]
     assert "1 of 30 frames lost" in said and "not there in frames 10-19" in said
     assert visitor.facts()["lost_frames"] == "20"
+
+
+HALF_TURN = np.diag([-1.0, -1.0, 1.0])
+
+
+@pytest.fixture(scope="module")
+def stroll() -> Track:
+    """The true joints of `apf synth`'s walker, 3 s of 60 frames/s."""
+    return synthetic_walker(Walk.sample(3, 1.8), 180)
+
+
+def jumper(rate: float) -> Track:
+    """A track whose whole body is thrown 0.4 m up and falls, once a second; its frames per second
+    are stated `rate` times too high."""
+    track = strider(180)
+    flight = np.sqrt(8 * 0.4 / 9.81)
+    since = np.clip(track.times % 1.0, 0, flight)
+    height = 0.5 * 9.81 * since * (flight - since)
+    joints = track.joints[:1] + np.array([0, 0, 1.0]) * height[:, None, None]
+    return replace(track, joints=joints, fps=rate * track.fps)
+
+
+def turned(track: Track) -> Track:
+    """The same path by somebody who faces the other way."""
+    middle = track.joints[:, [track.joint_names.index("pelvis")]]
+    return replace(track, joints=middle + (track.joints - middle) @ HALF_TURN)
+
+
+def test_sound_motion(stroll: Track) -> None:
+    assert not find_impossible_motion(stroll)
+    assert not find_impossible_motion(jumper(1.0))
+    still = replace(stroll, joints=np.repeat(stroll.joints[:1], len(stroll), axis=0))
+    assert not find_impossible_motion(still)
+    assert not find_impossible_motion(turned(still))
+
+
+def test_a_walk_backward(stroll: Track) -> None:
+    (line,) = find_impossible_motion(turned(stroll))
+    assert "walks backward" in line
+
+
+def test_frame_rates_that_are_too_high(stroll: Track) -> None:
+    (steps,) = find_impossible_motion(replace(stroll, fps=2.2 * stroll.fps))
+    assert "steps per second" in steps
+    (fall,) = find_impossible_motion(jumper(2.0))
+    assert "times gravity" in fall
+
+
+def test_what_is_not_judged(stroll: Track) -> None:
+    fast = replace(stroll, fps=2.2 * stroll.fps)
+    lost = {**fast.diagnostics, "lost": np.ones(len(fast), bool)}
+    assert not find_impossible_motion(replace(fast, diagnostics=lost))
+    assert not find_impossible_motion(fast.select(np.arange(2)))

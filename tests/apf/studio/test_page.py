@@ -1,4 +1,4 @@
-"""The page: what it shows of a folder, in the server and in a browser."""
+"""The page: what it may open, and what it shows of a folder, in the server and in a browser."""
 
 import io
 import zipfile
@@ -16,10 +16,10 @@ from helpers.studio import save_track, save_voxels
 pytest.importorskip("viser", reason="viser is not installed")
 
 from apf.report.drawing import PEOPLE
-from apf.studio.folders import Roots
+from apf.studio.folders import Roots, find_kind
 from apf.studio.page import Page
 from apf.tracking.people import PeopleTracks
-from cl import Device, InputError
+from cl import Device, InputError, MissingFileError
 from psfs.common.files import write_json
 from psfs.page.words import make_lines, make_table, make_text
 
@@ -222,3 +222,33 @@ def test_page_in_a_browser(tmp_path: Path, open_page: Callable[[Path], Page]) ->
         assert alerts == []
     own = page.address.rpartition("/")[0]
     assert all(url.startswith((own, "blob:", "data:")) for url in asked)
+
+
+def test_folders_are_found_by_their_kind(tmp_path: Path) -> None:
+    save_track(tmp_path / "a" / "track")
+    save_voxels(tmp_path / "voxels")
+    take = tmp_path / "take"
+    take.mkdir()
+    for folder in (take, tmp_path / "other"):  # the other one has cameras alone
+        folder.mkdir(exist_ok=True)
+        (folder / "calibration.toml").write_text("")
+    for name in ("cam1.mp4", "cam2.mp4"):
+        (take / name).touch()
+    found = {one.name: one.kind for one in Roots(tmp_path).find()}
+    assert found == {"a/track": "track", "take": "take", "voxels": "voxels"}
+    assert find_kind(tmp_path / "other") is None
+
+
+def test_nothing_outside_is_opened(tmp_path: Path) -> None:
+    inside = tmp_path / "inside"
+    inside.mkdir()
+    secret = save_track(tmp_path / "secret")
+    (inside / "link").symlink_to(secret)
+    roots = Roots(inside)
+    assert roots.find() == []
+    for path in (secret, inside / ".." / "secret", inside / "link", Path("/etc")):
+        with pytest.raises(InputError, match="outside of the folders"):
+            roots.check(path)
+    assert roots.check(inside / "later") == inside.resolve() / "later"
+    with pytest.raises(MissingFileError):
+        Roots(tmp_path / "gone")

@@ -1,7 +1,5 @@
 """Feet that stand: found, and held."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from helpers.striders import SONG, Stride, strider, track_of_poses
@@ -108,15 +106,6 @@ def test_a_risen_heel_is_not_flat() -> None:
     stands = np.ones((30, 2), bool)
     found = detect_flat_feet(ankles, stands)
     assert found[:22].all() and not found[23:, 0].any() and found[:, 1].all()
-
-
-def test_lost_frames_are_neither_standing_nor_changed() -> None:
-    noisy = strider(noise=0.03)
-    lost = np.zeros(len(noisy), bool)
-    lost[40:50] = True
-    held = smooth_track(replace(noisy, diagnostics={"lost": lost}))
-    assert not held.standing[lost].any()
-    np.testing.assert_array_equal(held.poses[lost], noisy.poses[lost])
 
 
 def test_bodies_without_feet() -> None:

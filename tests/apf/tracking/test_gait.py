@@ -7,29 +7,18 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from helpers import tracks
-from helpers.striders import STANCE, Stride, strider, track_of_poses
+from helpers.striders import STANCE, Stride, strider, synthetic_walker, track_of_poses
 
 from apf.body.toml import load_body
-from apf.synthetic.gait import GaitModel as SyntheticGait
 from apf.synthetic.walk import Walk
 from apf.tracking.gait import measure_gait
 from apf.tracking.smoothing import smooth_track
-from apf.tracking.track import Track
-
-
-def filmed(walk: Walk, frames: int = 240) -> Track:
-    """A track of the true joints of `apf synth`'s walker, who goes round in a curve."""
-    track = strider(frames)
-    gait = SyntheticGait(walk)
-    joints = gait.skeleton.joints(gait.motion(track.times))
-    columns = [gait.skeleton.joint_names.index(name) for name in track.joint_names]
-    return replace(track, joints=joints[:, columns])
 
 
 @pytest.mark.parametrize("seed", [0, 3])
 def test_a_synthetic_walker(seed: int) -> None:
     walk = Walk.sample(seed, 1.6 + 0.1 * seed)
-    gait = measure_gait(filmed(walk))
+    gait = measure_gait(synthetic_walker(walk, 240))
     assert gait is not None
     assert gait.n_steps in (6, 7, 8)
     assert gait.cadence == pytest.approx(120 * walk.speed / walk.stride, rel=0.01)

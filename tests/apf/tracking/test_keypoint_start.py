@@ -4,16 +4,13 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import pytest
 from helpers import scenes
 from helpers.keypoints import of_poses
 
 import apf
-import psfs
 from apf.backend import make_tracker
 from apf.body.kinematics import posed_joints
 from apf.body.toml import load_body
-from apf.cli import main
 from apf.filters.annealed import AnnealedParticleFilter
 from apf.filters.config import FilterConfig
 from apf.filters.method import Method
@@ -126,22 +123,3 @@ def test_live_keypoints_frame_by_frame(device: Device) -> None:
         estimate = tracker.step(None, keypoints=known.model.observations(live))
     away = estimate.joints - posed_joints(BODY, poses()[-1:])[0]
     assert np.linalg.norm(away, axis=-1).mean() < 0.04
-
-
-def test_the_command_by_keypoints_alone(
-    walk: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    sequence = psfs.open_sequence(walk)
-    keypoints = of_poses(sequence.rig, BODY, poses()[: len(sequence)], noise=1.0)
-    path = tmp_path / "keypoints.npz"
-    np.savez(
-        path, keypoints=keypoints.points, keypoint_names=keypoints.names,
-        camera_names=keypoints.camera_names,
-    )  # fmt: skip
-    command = ["track", str(walk), "-o", str(tmp_path / "out"), "--objective", "keypoints"]
-    command += ["--particles", "60", "--layers", "5", "--no-overlay"]
-    assert main([*command, "--keypoints", str(path)]) == 0
-    assert miss(apf.Track.open(tmp_path / "out")) < 0.04
-    capsys.readouterr()
-    assert main(command) == 2
-    assert "none were given" in capsys.readouterr().err

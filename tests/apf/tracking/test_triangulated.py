@@ -184,7 +184,7 @@ def test_several_people_are_triangulated_apart(
 
 
 def test_several_people_are_tracked_by_keypoints_alone(
-    folder: Path, pose_of_two: Path, tmp_path: Path
+    folder: Path, pose_of_two: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     flags = ["--keypoints", str(pose_of_two), "--objective", "keypoints", "--frames", "5:8"]
     flags += ["--body", "song31", "--particles", "60", "--layers", "3"]
@@ -204,6 +204,8 @@ def test_several_people_are_tracked_by_keypoints_alone(
     )  # fmt: skip
     for track, again in zip(people, same, strict=True):  # by the library as by the command
         np.testing.assert_array_equal(track.poses, again.poses)
+    assert main(["track", str(folder), "-o", str(tmp_path / "without"), *flags[2:]]) == 2
+    assert "none were given" in capsys.readouterr().err
 
 
 #: mm, means over shoulders, elbows, wrists, hips, knees and ankles: the shared KEYPOINTS.md.

@@ -16,7 +16,7 @@ from psfs.cameras.camera import Camera, CameraRig
 from psfs.cli import main
 
 #: All around a wand; side by side for a board, which has one face.
-CAMERAS, ARC = made.ring(), made.ring(4, step=28)
+CAMERAS, ARC = made.ring()[:4], made.ring(4, step=28)
 SQUARES, SQUARE, WAND = (6, 4), 0.2, 0.5
 BOARD_FLAGS = ("--squares", "6x4", "--square", "0.2")
 
@@ -104,7 +104,7 @@ def test_wand(wands: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -
     report = json.loads((tmp_path / "calibration.json").read_text())
     assert all(of["reprojection_px"]["rms"] < 0.5 for of in report["cameras"].values())
     printed = capsys.readouterr().out
-    assert "no --floor is stated" in printed and "cam06" in printed
+    assert "no --floor is stated" in printed and "cam04" in printed
     assert min(camera.centre[2] for camera in found) > 1  # Z is up
 
 

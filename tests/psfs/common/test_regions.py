@@ -1,9 +1,11 @@
-"""Regions of pixels and voxels: overlap and connected components."""
+"""Regions of pixels and voxels, and series of numbers."""
 
 import numpy as np
 import pytest
 from scipy import ndimage
+from scipy.signal import savgol_filter
 
+from psfs.common.numbers import smooth_locally
 from psfs.common.regions import (
     bounding_box,
     find_largest_region_box,
@@ -61,3 +63,10 @@ def test_parts_are_those_of_the_whole_grid(density: float) -> None:
         parts = split_regions(np.flatnonzero(flags), shape)
         assert {*map(tuple, parts)} == expected and len(parts) == count
         assert sorted(map(len, parts), reverse=True) == [*map(len, parts)]
+
+
+@pytest.mark.parametrize(("window", "degree"), [(5, 2), (9, 3), (1, 0)])
+def test_local_polynomials_are_those_of_scipy(window: int, degree: int) -> None:
+    values = np.random.default_rng(0).normal(size=(20, 3, 2))
+    expected = savgol_filter(values, window, degree, axis=0)
+    np.testing.assert_allclose(smooth_locally(values, window, degree), expected, atol=1e-12)

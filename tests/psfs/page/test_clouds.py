@@ -1,12 +1,16 @@
-"""Points of frames: as stored, within the memory that they may take, carved in the background."""
+"""Points of frames, within the memory that they may take, carved in the background, in colours."""
 
+import io
 import threading
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
+import trimesh
+from helpers import scenes
 from helpers.studio import GRID, save_voxels
 
+from psfs.common.colours import CLAY
 from psfs.output.reconstruction_folder import ReconstructionFolder
 from psfs.page.clouds import (
     CarvedClouds,
@@ -16,8 +20,11 @@ from psfs.page.clouds import (
     grid_centre,
     make_blocks,
     make_points,
+    make_surface,
 )
-from psfs.voxels.grid import VoxelCloud
+from psfs.page.colours import COLOURINGS, colour_vertices, colour_voxels
+from psfs.voxels.config import OccupancyConfig
+from psfs.voxels.grid import VoxelCloud, VoxelGrid
 
 
 def points(n: int) -> Points:
@@ -86,3 +93,40 @@ def test_voxels_are_carved_only_while_wanted() -> None:
     assert found is not None and len(found.positions) == 3 and clouds.describe(2) == ""
     assert clouds.get(0) is None
     assert clouds.describe(0) == "no voxels: memory holds those of 2 of 3 frames"
+
+
+def cloud_of(count: int, coloured: bool = True) -> VoxelCloud:
+    """Return `count` red voxels with probabilities up to 1."""
+    grid = scenes.small_grid()
+    indices = 10_000 + 7 * np.arange(count)
+    colour = np.tile(np.uint8([255, 0, 0]), (count, 1)) if coloured else None
+    probability = np.linspace(OccupancyConfig().threshold, 1, count).astype(np.float32)
+    return VoxelCloud(grid, indices, probability, colour)
+
+
+def test_colourings() -> None:
+    cloud = cloud_of(9)
+    np.testing.assert_array_equal(colour_voxels(cloud, "colour"), cloud.colour)
+    clay = colour_voxels(cloud_of(9, coloured=False), "colour")
+    np.testing.assert_allclose(clay / 255, np.tile(CLAY, (9, 1)), atol=1 / 255)
+    unsure, sure = colour_voxels(cloud, "probability")[[0, -1]].astype(int)
+    assert unsure[0] > 2 * unsure[1] and sure[1] > 2 * sure[0]  # red to green
+    grid = VoxelGrid(np.array([0, 0, -0.1]), 0.1, (1, 1, 21))
+    column = VoxelCloud(grid, np.arange(21), np.ones(21, np.float32))
+    blue, red = colour_voxels(column, "height")[[0, -1]].astype(int)
+    assert red[0] > red[2] + 50 and blue[2] > blue[1] + 20
+    for colouring in COLOURINGS:
+        assert colour_voxels(cloud_of(0), colouring).shape == (0, 3)
+
+
+def test_meshes_take_the_nearest_voxels_colours() -> None:
+    cloud = cloud_of(40)
+    ball = trimesh.creation.icosphere(2, 0.3)
+    ball.apply_translation(cloud.centres.mean(0))
+    distance = np.linalg.norm(ball.vertices[:, None] - cloud.centres, axis=-1)
+    expected = colour_voxels(cloud, "probability")[distance.argmin(1)]
+    np.testing.assert_array_equal(colour_vertices(ball.vertices, cloud, "probability"), expected)
+    glb = make_surface(ball, cloud, "probability").glb
+    read = trimesh.load(io.BytesIO(glb), file_type="glb").to_geometry()
+    assert np.allclose(read.bounds[:, 1], ball.bounds[:, 2], atol=1e-5)  # +Y is up
+    assert b"COLOR_0" in glb

@@ -1,4 +1,4 @@
-"""Requests without the token get nothing, neither the page nor the websocket."""
+"""Requests without the token get nothing; files that are dropped arrive whole or not at all."""
 
 import http.client
 from collections.abc import Iterator
@@ -6,12 +6,23 @@ from collections.abc import Iterator
 import pytest
 
 pytest.importorskip("viser", reason="viser is not installed")
+import json
+import threading
+from pathlib import Path
+from typing import Any
+
+import pytest
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 from websockets.typing import Subprotocol
 
 from psfs.page import server as module
 from psfs.page.server import HOST, Gate, page_address, start_server, stop_server
+
+pytest.importorskip("viser", reason="viser is not installed")
+from websockets.sync.client import ClientConnection
+
+from psfs.page.drop import PATH, receive_files
 
 
 @pytest.fixture(scope="module")
@@ -89,3 +100,42 @@ def test_a_server_that_cannot_be_checked_is_stopped(monkeypatch: pytest.MonkeyPa
         start_server(0, Gate())
     with pytest.raises(ConnectionRefusedError):
         status(ports[0], "/")
+
+
+def announce(socket: ClientConnection, name: str, size: int = 0) -> str:
+    socket.send(json.dumps({"name": name, "size": size}))
+    return str(socket.recv(timeout=60))
+
+
+def test_dropped_files_arrive_whole_or_not_at_all(tmp_path: Path) -> None:
+    folder, done = tmp_path / "dropped", threading.Event()
+    ended = threading.Semaphore(0)
+
+    async def receive(connection: Any) -> None:
+        await receive_files(connection, lambda: folder, lambda path: done.set())
+        ended.release()
+
+    gate = Gate(receive=receive)
+    server = start_server(0, gate)
+    root = f"ws://{HOST}:{server.get_port()}"
+    try:
+        with pytest.raises(InvalidStatus):
+            connect(f"{root}{PATH}")
+        with connect(f"{root}/{gate.token}{PATH}") as socket:
+            assert announce(socket, "virus.exe").startswith("virus.exe: expected videos")
+        with connect(f"{root}/{gate.token}{PATH}") as socket:
+            assert not announce(socket, "..\\../cam01.mp4", 6)
+            for piece in (b"abcd", b"ef"):
+                socket.send(piece)
+                assert not socket.recv(timeout=60)
+            assert not announce(socket, "")
+        assert done.wait(60)
+        with connect(f"{root}/{gate.token}{PATH}") as socket:
+            assert not announce(socket, "cam02.mp4", 6)
+            socket.send(b"abc")  # the page is closed here
+        for _ in range(3):
+            assert ended.acquire(timeout=60)
+    finally:
+        stop_server(server)
+    assert [path.name for path in tmp_path.rglob("*.*")] == ["cam01.mp4"]
+    assert (folder / "cam01.mp4").read_bytes() == b"abcdef"
