@@ -205,6 +205,14 @@ class Session:
         )
         return self._reconstructor
 
+    def iterate_clouds(self, grid: VoxelGrid, indices: Items[int]) -> Iterator[VoxelCloud]:
+        """Yield the surface voxels of the frames of `indices`. Raises InputError as
+        `Sequence.reader` does."""
+        reconstruct = self.reconstructor(grid)
+        with self.sequence.reader(learning=False) as read:
+            for index in indices:
+                yield reconstruct(read(index)).cloud()
+
     def keep_carved(self, indices: Collection[int]) -> None:
         """Keep the frames of these numbers when the next stage passes them to `record_carved`."""
         self._carved = _CarvedFrames(frozenset(indices))

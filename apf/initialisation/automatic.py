@@ -21,6 +21,7 @@ from apf.initialisation.shape_model import ShapeModel, inner_axes
 from apf.initialisation.start import RIVAL, Start, StartError, check_startable
 from apf.likelihood.observations import AnyVoxels
 from apf.scene import Scene
+from psfs.common.progress import map_in_threads, one_blas_thread
 
 #: Share of the height beyond the hips up to which voxels are used for a body without head or feet:
 #: the belly ends there.
@@ -85,10 +86,8 @@ def find_start(
     search.config = config.filter.with_changes(noise=noise, seed=seed)
     search.progress = progress or (lambda: None)
     anchor, likely = search.try_headings(config)
-    # The fits of all hypotheses together take as long as that of the best one.
-    fits = [search.follow(each, anchor, every=len(likely)) for each in likely]
-    fits = sorted(fits, key=lambda fit: fit.cost)
-    best = search.follow(fits[0], search.best_frame)
+    fits = sorted(search.follow(likely, anchor), key=lambda fit: fit.cost)
+    (best,) = search.follow(fits[:1], search.best_frame)
     rivals = select_distinct(scene.body, fits, np.pi / config.n_headings)[1:]
     best = min(best, fits[0], key=lambda fit: fit.cost)
     if best.misfit > _HOPELESS:
@@ -203,28 +202,37 @@ class _Search:
             pose = best.poses[0] if best else pose
         return best or found
 
-    def follow(self, found: Hypothesis, anchor: int, every: int = 1) -> Hypothesis:
-        """Track the body of a hypothesis from frame `anchor` to both ends, and fit its shape to
-        each `every`-th frame."""
-        estimates = self._track_both_ways(self.search_limbs(found, anchor), anchor)
-        poses = np.stack([estimate.pose for estimate in estimates])
-        some = slice(anchor % every, None, every)
-        fitted = Fitted(found.shape, poses[some])
+    def follow(self, hypotheses: Sequence[Hypothesis], anchor: int) -> list[Hypothesis]:
+        """Track the bodies of hypotheses from frame `anchor` to both ends, and fit the shape of
+        each to some of the frames: all fits together take as long as one to every frame."""
+        some = slice(anchor % len(hypotheses), None, len(hypotheses))
+        tracked = list[tuple[np.ndarray, np.ndarray]]()
+        for each in hypotheses:
+            estimates = self._track_both_ways(self.search_limbs(each, anchor), anchor)
+            tracked.append((each.shape, np.stack([estimate.pose for estimate in estimates])))
         evidence = SurfaceEvidence(self._clouds[some])
-        fitted = fit_body(
-            self.model, evidence, fitted, free=self._free, height=self._height, steps=_FIT_STEPS
-        )
-        tracker, poses[some] = (
-            self._trackers(self.model.body(fitted.shape), self.config),
-            fitted.poses,
-        )
-        estimates = []
-        for pose, voxels in zip(poses, self._voxels, strict=True):
-            tracker.start(pose)
-            estimates.append(tracker.step(voxels))
-            self.progress()
-        self.best_frame = int(np.argmin([of.least_error[-1] for of in estimates]))
-        return self._judge(fitted.shape, estimates)
+
+        def fit(followed: tuple[np.ndarray, np.ndarray]) -> Fitted:
+            shape, poses = followed
+            return fit_body(
+                self.model, evidence, Fitted(shape, poses[some]),
+                free=self._free, height=self._height, steps=_FIT_STEPS,
+            )  # fmt: skip
+
+        with one_blas_thread():  # which all threads share
+            fits = list(map_in_threads(fit, tracked))
+        found = list[Hypothesis]()
+        for fitted, (_, poses) in zip(fits, tracked, strict=True):
+            tracker = self._trackers(self.model.body(fitted.shape), self.config)
+            poses[some] = fitted.poses
+            again = list[Estimate]()
+            for pose, voxels in zip(poses, self._voxels, strict=True):
+                tracker.start(pose)
+                again.append(tracker.step(voxels))
+                self.progress()
+            self.best_frame = int(np.argmin([of.least_error[-1] for of in again]))
+            found.append(self._judge(fitted.shape, again))
+        return found
 
     def _track_both_ways(self, found: Hypothesis, anchor: int) -> list[Estimate]:
         """Return the estimates of all frames."""

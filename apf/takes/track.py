@@ -32,6 +32,7 @@ from apf.tracking.take import (
     StartedTake,
     Take,
     check_cameras,
+    choose_headings,
     complete_take,
     start_take,
     track_again,
@@ -155,11 +156,15 @@ def _track_people(
                 raise
             progress.warn(f"{error}; without a first pose it is left out, as an object")
             persons = persons.without(number)
+    started = choose_headings(started, lambda stage: progress("start"))
     keepers = list[Keeper | None]()
     for number, start in enumerate(started, start=1):
-        _keep_judged(job, start.session)
-        folders = persons.job(job, number).folders
-        keepers.append(Keeper(folders) if folders else None)
+        person, session = persons.job(job, number), start.session
+        if start.start is not None:
+            whose = person.of_people.get("person")
+            warn_of_doubts(session.sequence, start.start, progress.warn, whose)
+        _keep_judged(job, session)
+        keepers.append(Keeper(person.folders) if person.folders else None)
     if not persons.alone:
         progress.begin_everybody([len(start.session.frames) for start in started])
     takes = track_first(started, progress, keepers)
@@ -224,10 +229,7 @@ def _start(job: TrackJob, session: Session, given: GivenStart | None) -> Started
     )
     number = job.of_people.get("person")
     with explain_failed_start(sequence, number):
-        started = start_take(session, settings, job.progress)
-    if started.start is not None:
-        warn_of_doubts(sequence, started.start, job.progress.warn, number)
-    return started
+        return start_take(session, settings, job.progress)
 
 
 def _read_corrections(request: TrackingRequest) -> CorrectedTrack | None:

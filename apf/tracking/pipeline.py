@@ -252,9 +252,9 @@ def _observe_people(people: Items[_Person]) -> Iterator[tuple[int, list[Observat
     if not people:
         return
     session, task = people[0].run.session, people[0].run.task
-    if len(people) == 1:
+    if all(person.run.session is session for person in people):
         alone = observations(session, task, people[0].frames)
-        yield from ((index, [observation]) for index, observation in alone)
+        yield from ((index, [observation] * len(people)) for index, observation in alone)
         return
     ends = [end for person in people for end in (person.frames[0], person.frames[-1])]
     step = people[0].frames.step

@@ -26,7 +26,7 @@ from apf.initialisation.sequence import initialise
 from apf.initialisation.start import Start, StartError, check_startable
 from apf.tracking.limb_confidence import LEAST_DISTANCE, SAME_PLACE
 from apf.tracking.personal_pass import Complete, fit_personal_body
-from apf.tracking.pipeline import TrackingRun, TrackingTask, track_frames, track_people
+from apf.tracking.pipeline import TrackingRun, TrackingTask, track_people
 from apf.tracking.settings import TakeSettings
 from apf.tracking.track import Track
 from cl import InputError, UserError
@@ -102,7 +102,9 @@ def track_take(
     the frames since its last call; if it stores them, they are not held in memory. Raises
     UserError; an error after the first frame ends the tracks and becomes the take's `error`.
     """
+    report = progress or (lambda stage: None)
     started = [start_take(session, settings, progress)]
+    started = choose_headings(started, lambda stage: report("start"))
     return complete_take(track_again(started, track_first(started, progress, [keep]), progress)[0])
 
 
@@ -111,7 +113,7 @@ def start_take(
     settings: TakeSettings | None = None,
     progress: Callable[[str], object] | None = None,
 ) -> StartedTake:
-    """Find the person's body and first pose, the first part of `track_take`."""
+    """Find the person's body and first pose, and its rivals, see `choose_headings`."""
     settings = settings or TakeSettings()
     report = progress or (lambda stage: None)
     method, body_and_pose = settings.tracked_method, settings.given
@@ -142,8 +144,7 @@ def start_take(
     points = None if keypoint_fit is None else keypoint_fit.observations
     task = TrackingTask(body, pose, method, settings.run_seeds, points, frame)
     personal = start is not None and method.goes_back and not settings.keep_shape
-    started = StartedTake(session, task, start, personal)
-    return choose_heading(started, lambda stage: report("start"))
+    return StartedTake(session, task, start, personal)
 
 
 def track_first(
@@ -210,31 +211,40 @@ def _expect_body(started: StartedTake, first: Take) -> TrackingTask:
     return replace(started.task, body=first.body, pose=first.pose, tracked=tracked)
 
 
-def choose_heading(
-    started: StartedTake, progress: Callable[[str], object] | None = None
-) -> StartedTake:
-    """Return the start, or the one of its rivals with another heading, whose body fits best to the
-    whole take when it is tracked in one direction. Its `rival` is then that of the take. Raises
-    UserError and KeyboardInterrupt."""
-    start, task = started.start, started.task
-    if not started.personal or start is None or not start.rivals:
-        return started
-    one_way = task.method.replace(both_ways=False)
-    starts, errors, joints = (start, *start.rivals), list[float](), list[np.ndarray]()
-    for each in starts:
-        alone = replace(task, body=each.body, pose=each.pose, method=one_way, seeds=task.seeds[:1])
-        tracked = track_frames(started.session, alone, progress)
-        if tracked.error is not None:
-            raise tracked.error
-        if tracked.tracks[0].interrupted:
-            raise KeyboardInterrupt
-        errors.append(float(-np.mean(tracked.tracks[0].diagnostics["best_log_weight"])))
-        joints.append(tracked.tracks[0].joints)
-    least = int(np.argmin(errors))
-    apart = np.linalg.norm(np.stack(joints) - joints[least], axis=-1).mean((1, 2)) > SAME_PLACE
-    rival = float(np.min(np.array(errors)[apart], initial=np.inf)) / errors[least]
-    best = replace(starts[least], rival=rival, rivals=())
-    return replace(started, start=best, task=replace(task, body=best.body, pose=best.pose))
+def choose_headings(
+    started: Items[StartedTake], progress: Callable[[str], object] | None = None
+) -> list[StartedTake]:
+    """Return the starts, or in place of one that of its rivals with another heading whose body fits
+    best to the whole take: all are tracked in one direction, together. The `rival` of a start is
+    then that of the take. Raises UserError and KeyboardInterrupt."""
+    chosen, candidates = list(started), dict[int, list[Start]]()
+    for number, (start, personal) in enumerate((each.start, each.personal) for each in started):
+        if personal and start is not None and start.rivals:
+            candidates[number] = [start, *start.rivals]
+    runs = list[TrackingRun]()
+    for number, starts in candidates.items():
+        task = started[number].task
+        one_way = replace(task, method=task.method.replace(both_ways=False), seeds=task.seeds[:1])
+        tasks = (replace(one_way, body=each.body, pose=each.pose) for each in starts)
+        runs += [TrackingRun(started[number].session, each) for each in tasks]
+    tracked = iter(track_people(runs, progress) if runs else ())
+    for number, starts in candidates.items():
+        errors, joints = list[float](), list[np.ndarray]()
+        for _ in starts:
+            found = next(tracked, None)
+            if found is not None and found.error is not None:
+                raise found.error
+            if found is None or found.tracks[0].interrupted:
+                raise KeyboardInterrupt
+            errors.append(float(-np.mean(found.tracks[0].diagnostics["best_log_weight"])))
+            joints.append(found.tracks[0].joints)
+        least = int(np.argmin(errors))
+        apart = np.linalg.norm(np.stack(joints) - joints[least], axis=-1).mean((1, 2)) > SAME_PLACE
+        rival = float(np.min(np.array(errors)[apart], initial=np.inf)) / errors[least]
+        best = replace(starts[least], rival=rival, rivals=())
+        task = replace(started[number].task, body=best.body, pose=best.pose)
+        chosen[number] = replace(started[number], start=best, task=task)
+    return chosen
 
 
 def track_once(
@@ -353,12 +363,11 @@ def rank_starts(session: Session, progress: Callable[[], object] | None = None) 
     """
     config, frames = StartConfig(), session.frames
     picked = np.array([frames[int(k)] for k in pick_evenly(len(frames))])
-    reconstruct = session.reconstructor(automatic_grid(session))
+    grid = automatic_grid(session)
     views = np.zeros((len(picked), 3))  # voxels, height, cameras that see them
-    with suppress(InputError), session.sequence.reader(learning=False) as read:
-        for row, index in enumerate(picked):
-            voxels = reconstruct(read(int(index)))
-            points = select_person_points(voxels.grid, voxels.cloud().indices)
+    with suppress(InputError):
+        for row, cloud in enumerate(session.iterate_clouds(grid, picked.tolist())):
+            points = select_person_points(grid, cloud.indices)
             if len(points) >= LEAST_VOXELS:
                 inside = sum(camera.look_up(points)[0].mean() for camera in session.rig)
                 views[row] = len(points), np.ptp(points[:, 2]), inside

@@ -120,13 +120,13 @@ class CoarseVoxels(CoarseSpace):
         bands = [divide_height(self.grid.centres(part)[:, 2]) for part in parts]
         for view in range(len(self.rig)):
             nearest = self._find_nearest(view, everything)
-            codes = colour_bins(images[view], LEVELS).ravel()
+            colours = images[view].reshape(-1, images.shape[-1])
             for part, band, into in zip(rows, bands, found, strict=True):
                 at, depth = self.pixels[view, part], self.depths[view, part]
                 behind = depth - nearest[self._find_cells(view, at)]
                 seen = (at >= 0) & (behind < self.grid.voxel_size)
                 seen &= evidence[view].ravel()[at] > 0
-                np.add.at(into, (band[seen], codes[at[seen]]), 1)
+                np.add.at(into, (band[seen], colour_bins(colours[at[seen]], LEVELS)), 1)
         return found
 
     def _find_cells(self, view: int, at: np.ndarray) -> np.ndarray:

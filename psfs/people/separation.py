@@ -7,7 +7,7 @@ voxels are, and later where the tracked bodies are.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from collections.abc import Sequence as Items
 from dataclasses import replace
 from typing import cast
@@ -24,7 +24,7 @@ from psfs.session import Session, SessionSettings
 from psfs.volume import Volume, automatic_grid, find_volume
 from psfs.voxels.body_prior import TrackedBody
 from psfs.voxels.device_voxels import Voxels
-from psfs.voxels.grid import VoxelGrid
+from psfs.voxels.grid import VoxelCloud, VoxelGrid
 from psfs.voxels.host_voxels import HostVoxels
 
 #: Room around the coarse voxels of a person, m.
@@ -46,11 +46,13 @@ class JointReconstruction:
         self._of_person = [cover_with_spheres(people.grid, person) for person in people]
         self._divide: Divide | None = None
         self._reconstruct: AnyReconstructor | None = None
+        self._clouds: dict[int, list[VoxelCloud]] = {}
 
     def place(self, number: int, spheres: Mapping[int, np.ndarray]) -> None:
         """Say that a person is about `spheres` (K, 4) m in the frames that are their keys."""
         self._of_person[number].update(spheres)
         self._divide = None
+        self._clouds.clear()
 
     def begin(self) -> AnyReconstructor:
         """Return the reconstructor of everybody in its initial state."""
@@ -76,6 +78,18 @@ class JointReconstruction:
             if frame in frames:
                 row[: len(frames[frame])] = frames[frame]
         return self._divide(spheres, number)
+
+    def iterate_clouds(self, number: int, indices: Items[int]) -> Iterator[VoxelCloud]:
+        """Yield the surface voxels of a person in the frames of `indices`; those of the others are
+        kept until they are asked for."""
+        missing = [index for index in indices if index not in self._clouds]
+        reconstruct = self.begin() if missing else None
+        with self._session.sequence.reader(learning=False) as read:
+            for index in indices:
+                if reconstruct is not None and index not in self._clouds:
+                    reconstruct(read(index))
+                    self._clouds[index] = [voxels.cloud() for voxels in self.divide(index)]
+                yield self._clouds[index][number]
 
 
 def cover_with_spheres(grid: VoxelGrid, person: Person) -> dict[int, np.ndarray]:
@@ -150,6 +164,10 @@ class PersonSession(Session):
         if body is not None or not grid.equals(self.joint.grids[self.number]):
             raise InputError("one of several people is reconstructed in their own grid alone")
         return PersonReconstructor(self.joint, self.number)
+
+    def iterate_clouds(self, grid: VoxelGrid, indices: Items[int]) -> Iterator[VoxelCloud]:
+        """Yield the surface voxels of the person in the frames of `indices`."""
+        return self.joint.iterate_clouds(self.number, indices)
 
     def evidence(self, indices: Iterable[int]) -> list[np.ndarray]:
         """Return the evidence (V, H, W) int8 of each frame of `indices`, without the others."""

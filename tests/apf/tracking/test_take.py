@@ -19,7 +19,7 @@ from apf.tracking.pipeline import Tracked, TrackingTask
 from apf.tracking.take import (
     StartedTake,
     Take,
-    choose_heading,
+    choose_headings,
     complete_take,
     rank_starts,
     track_again,
@@ -114,12 +114,12 @@ def test_headings_are_not_compared_by_tracks_that_ended_early(
     track = walker()
     error = ended if isinstance(ended, DeviceError) else None
     tracked = Tracked([track if error else track.as_interrupted], error)
-    monkeypatch.setattr(take, "track_frames", lambda *args: tracked)
+    monkeypatch.setattr(take, "track_people", lambda *args: [tracked])
     found = Start(track.its_body, track.poses[0], 1.1, 1.7, 1.0)
     start = replace(found, rivals=(found,))
     task = TrackingTask(start.body, start.pose, Method(), [0])
     with pytest.raises(type(ended)):
-        choose_heading(StartedTake(session_of({}), task, start, personal=True))
+        choose_headings([StartedTake(session_of({}), task, start, personal=True)])
 
 
 def test_the_take_decides_between_headings(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -129,11 +129,14 @@ def test_the_take_decides_between_headings(monkeypatch: pytest.MonkeyPatch) -> N
         weights = {**track.diagnostics, "best_log_weight": np.full((len(track), 1), -error)}
         return Tracked([replace(track, joints=track.joints + off, diagnostics=weights)])
 
-    results = iter([with_error(20.0, 0.0), with_error(16.0, 1.0), with_error(17.0, 1.01)])
-    monkeypatch.setattr(take, "track_frames", lambda *args: next(results))
+    results = [with_error(20.0, 0.0), with_error(16.0, 1.0), with_error(17.0, 1.01)]
+    monkeypatch.setattr(take, "track_people", lambda *args: results)
     starts = [Start(track.its_body, track.poses[k], 1.1, 1.7, 1.0) for k in range(3)]
     start = replace(starts[0], rivals=tuple(starts[1:]))
     task = TrackingTask(start.body, start.pose, Method(), [0])
-    chosen = choose_heading(StartedTake(session_of({}), task, start, personal=True))
+    others = StartedTake(session_of({}), task, replace(start, rivals=()), personal=True)
+    both = [others, StartedTake(session_of({}), task, start, personal=True)]
+    first, chosen = choose_headings(both)
+    assert first is others
     assert chosen.start is not None and chosen.start.rival == 20 / 16  # the third is the same track
     np.testing.assert_array_equal(chosen.task.pose, track.poses[1])
