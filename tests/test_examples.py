@@ -127,8 +127,8 @@ def test_kept_outputs_are_whole_small_and_of_no_machine(name: str) -> None:
 DOCS = Path(__file__).parents[1] / "docs"
 
 
-def test_examples_run(walk: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (tmp_path / "walk").symlink_to(walk)
+def test_examples_run(small_walk: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "walk").symlink_to(small_walk)
     config = SceneConfig(people=2, cameras=4, frames=2, size=(160, 120))
     generate(tmp_path / "walkers", config, Device.best())
     monkeypatch.chdir(tmp_path)

@@ -137,10 +137,9 @@ def test_a_truth_that_does_not_fit_several_people_is_named(
     people, truth = pair(0, 3)
     people.save(tmp_path / "out")
     joints = np.stack([of.joints for of in truth.values()], axis=1)[: change.get("n", N)]
-    joints = joints[..., change.get("axes", [0, 1, 2])] * change.get("scale", 1.0)
-    joints += change.get("shift", 0.0)
-    names, fps = np.array(truth["at 0"].joint_names), change.get("fps", people[0].fps)
-    np.savez(tmp_path / "t.npz", joint_names=names, joints=joints, fps=fps)
+    joints = joints * change.get("scale", 1.0) + change.get("shift", 0.0)
+    names = np.array(truth["at 0"].joint_names)
+    np.savez(tmp_path / "t.npz", joint_names=names, joints=joints, fps=people[0].fps)
     command = ["evaluate", str(tmp_path / "out"), "--truth", str(tmp_path / "t.npz"), "--json"]
     assert main(command) == 0
     printed = capsys.readouterr().out

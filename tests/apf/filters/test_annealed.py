@@ -59,7 +59,7 @@ def test_the_last_change_is_expected_again(device: Device, kind: str) -> None:
     """Without noise and choice the pose coasts: all particles move by velocity times the change."""
     body = replace(SONG, sigma=np.zeros(SONG.n_dof))
     world = World(device, body, voxel=0.1)
-    config = FilterConfig.create(n_particles=5, n_layers=2, velocity=0.5, **MILD)
+    config = FilterConfig.create(n_particles=5, n_layers=2, n_points=200, velocity=0.5, **MILD)
     chosen = device if kind == "opencl" else NumpyDevice()
     tracker = make_filter(world.scene(chosen), config)
     place = SONG.dof_names.index("pelvis.tx")

@@ -26,10 +26,10 @@ TWINS = [("pso", "sp"), ("sir", "voxel")]
 
 
 @pytest.fixture(scope="module")
-def start(walk: Path) -> tuple[Sequence, VoxelGrid, BodyModel, np.ndarray]:
+def start(small_walk: Path) -> tuple[Sequence, VoxelGrid, BodyModel, np.ndarray]:
     """A walk, a coarse grid around the person, the body and its first pose."""
-    sequence = Sequence.open(walk)
-    found = read_given_start(sequence.folder, 0, None, walk / "truth.npz", "y-up")
+    sequence = Sequence.open(small_walk)
+    found = read_given_start(sequence.folder, 0, None, small_walk / "truth.npz", "y-up")
     assert found is not None
     joints = posed_joints(found[0], found[1][None])[0]
     grid = VoxelGrid.covering(joints.min(0) - 0.3, joints.max(0) + 0.3, 0.05)

@@ -125,8 +125,8 @@ def test_board_is_found_live(day: Path, tmp_path: Path) -> None:
         page.stop()
 
 
-def test_person_who_walks_in_is_judged(walk: Path) -> None:
-    sequence = Sequence.open(walk)
+def test_person_who_walks_in_is_judged(small_walk: Path) -> None:
+    sequence = Sequence.open(small_walk)
     empty = np.rint(sequence.background.mean).astype(np.uint8)
     noise = np.random.default_rng(0).integers(-2, 3, (5, *empty.shape))
     check = PersonCheck(

@@ -85,15 +85,3 @@ def test_a_volume_that_cuts_it_is_said_and_counts(
     assert main(["check", str(out)]) == 0
     assert "the volume cuts what is filmed" in capsys.readouterr().out
     assert mean_iou(out) < 0.75
-
-
-def test_a_volume_in_the_users_own_axes(
-    statue: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    out = tmp_path / "out"
-    own = ["--volume", "own:-0.4,0.4,-2,0.2,-0.4,0.4", "--voxel-size", "0.03"]
-    assert main(["reconstruct", str(statue), "-o", str(out), *own]) == 0
-    grid = ReconstructionFolder.open(out).grid
-    np.testing.assert_allclose(grid.low, [-0.4, -0.4, -2], atol=0.04)
-    np.testing.assert_allclose(grid.high, [0.4, 0.4, 0.2], atol=0.04)
-    assert heights(out)[0] == pytest.approx(-HEIGHT, abs=0.06)

@@ -119,8 +119,6 @@ def test_a_method_named_in_a_file_has_its_own_defaults(tmp_path: Path) -> None:
         ("[method]\nfilter = 3", "method.filter is 3; expected settings with names"),
         ("[method.filter.search]\nlayers = 3", "method.filter.search.layers: no such setting"),
         ("[method.filter.search]\nn_layers = 3.5", "search.n_layers is 3.5; expected a whole"),
-        ("[method.filter.search]\nnoise = nan", "search.noise is nan; expected a number"),
-        ("[method.filter.search]\nnoise = -1", "noise"),
         ('[reconstruction.silhouette.appearance]\nlearn = "no"', "expected true or false"),
         ("count = ", "malformed TOML"),
     ],

@@ -42,7 +42,7 @@ def fit_line(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 @pytest.mark.parametrize("wrong", [0, 40])
 def test_covariance_tells_the_error(wrong: int) -> None:
     rng, squares = np.random.default_rng(1), []
-    for _ in range(60):
+    for _ in range(30):
         line, covariance = fit_line(*line_problem(rng, wrong))
         away = line - [1.5, -0.5]
         squares.append(away @ np.linalg.solve(covariance, away))
