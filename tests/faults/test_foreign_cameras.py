@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers import faults, footage
-from helpers.footage import words
+from helpers.camera_texts import humaneva, middlebury, surrey
 from helpers.fuzz import check_reader
 
 from cl import InputError
@@ -20,28 +20,6 @@ from psfs.cameras.calibration.writers import (
     write_qualisys,
 )
 from psfs.cameras.camera import CameraRig
-
-
-def middlebury(rig: CameraRig) -> dict[str, str]:
-    lines = [f"{c.name}.png {words(c.K)} {words(c.R)} {words(c.t)}" for c in rig]
-    return {"x_par.txt": "\n".join([str(len(rig)), *lines])}
-
-
-def surrey(rig: CameraRig) -> dict[str, str]:
-    text = f"{len(rig)} 1\n"
-    for c in rig:
-        lens = words(np.array([c.K[0, 0], c.K[1, 1], c.K[0, 2], c.K[1, 2], c.distortion[0]]))
-        text += f"0 {c.size[1] - 1} 0 {c.size[0] - 1}\n{lens}\n{words(c.R)}\n{words(c.t)}\n"
-    return {"calibration.txt": text}
-
-
-def humaneva(rig: CameraRig) -> dict[str, str]:
-    def text(c) -> str:
-        lens = [c.K[0, 0], c.K[1, 1], c.K[0, 2], c.K[1, 2], 0.0, *c.distortion]
-        return words(np.array([*lens, *c.R.ravel(), *(1000 * c.t), 0.1, 0.2, 0.3]))
-
-    return {f"{c.name}.cal": text(c) for c in rig}
-
 
 _TSAI_NAMES = (
     *("Ncx", "Nfx", "dx", "dy", "dpx", "dpy", "Cx", "Cy", "sx", "f", "kappa1"),
@@ -65,7 +43,11 @@ def named_tsai(rig: CameraRig) -> dict[str, str]:
 
 
 FORMATS: dict[str, Callable[[CameraRig], dict[str, str]]] = {
-    write.__name__: write for write in (*(middlebury, surrey, humaneva, tsai, named_tsai),)
+    "middlebury": lambda rig: {"x_par.txt": middlebury(rig)},
+    "surrey": lambda rig: {"calibration.txt": surrey(rig)},
+    "humaneva": lambda rig: {f"{c.name}.cal": humaneva(c) for c in rig},
+    "tsai": tsai,
+    "named_tsai": named_tsai,
 }
 
 

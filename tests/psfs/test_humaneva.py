@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers import footage
+from helpers.camera_texts import humaneva
 
 from cl import InputError
 from psfs.cli import main
@@ -18,11 +19,9 @@ AHEAD = (0, 2, 3)
 def subject(root: Path, takes: tuple[str, ...] = ("Box_1", "Walking_1")) -> Path:
     folder = root / "S1"
     for view, (name, camera) in enumerate(zip(NAMES, footage.rig(3), strict=True)):
-        fx, fy, cx, cy = camera.K[0, 0], camera.K[1, 1], camera.K[0, 2], camera.K[1, 2]
-        values = [fx, fy, cx, cy, 0.0, *camera.distortion, *camera.R.ravel(), *(1000 * camera.t)]
         calibration = folder / "Calibration_Data" / f"{name}.cal"
         calibration.parent.mkdir(parents=True, exist_ok=True)
-        calibration.write_text("\n".join(map(repr, map(float, values))))
+        calibration.write_text(humaneva(camera))
         for take in takes:
             levels = [footage.grey(frame + 3 - AHEAD[view], 0) for frame in range(12)]
             footage.write_video(folder / "Image_Data" / f"{take}_({name}).avi", levels, fps=60)

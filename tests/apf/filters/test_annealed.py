@@ -107,7 +107,7 @@ def test_streams_give_what_steps_do(device: Device, kind: str) -> None:
     if kind == "gpu" and not device.is_gpu:
         other = other_kind(device)
         # PoCL takes long to compile the refinement for work-groups.
-        config = config.with_changes(refinement_steps=0)
+        config = config.with_changes(refinement_steps=0, limb_search_reach=0.0)
     world = World(other)
     expected = list(run(world, config, 4))
     tracker = AnnealedParticleFilter(world.scene(), config)

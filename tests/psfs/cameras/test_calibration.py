@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 import pytest
 from helpers import footage
+from helpers.camera_texts import humaneva
 from helpers.shared import shared_data
 
 from cl import InputError
@@ -27,13 +28,6 @@ def same(found: CameraRig, expected: CameraRig, distorted: bool = True) -> None:
         assert a.size == b.size
         if distorted:
             np.testing.assert_allclose(a.distortion, b.distortion, atol=1e-12)
-
-
-def cal_text(camera) -> str:
-    fx, skew = camera.K[0, 0], camera.K[0, 1]
-    intrinsic = [fx, camera.K[1, 1], camera.K[0, 2], camera.K[1, 2], skew / fx]
-    values = [*intrinsic, *camera.distortion, *camera.R.ravel(), *(camera.t * 1000)]
-    return "\n".join(repr(float(v)) for v in [*values, 0.1, 0.2, 0.3])
 
 
 def write_storage(path: Path, camera, rodrigues: bool) -> None:
@@ -77,7 +71,7 @@ def test_toml_natural_order_unit_and_freemocap(tmp_path: Path) -> None:
 def test_humaneva(tmp_path: Path) -> None:
     rig = footage.rig(3)
     for camera in rig:
-        (tmp_path / f"{camera.name}.cal").write_text(cal_text(camera))
+        (tmp_path / f"{camera.name}.cal").write_text(humaneva(camera))
     same(read_calibration(tmp_path, sizes=SIZE), rig)
     same(read_humaneva([tmp_path / "cam02.cal"], None, {"cam02": SIZE}), rig.subset(["cam02"]))
     with pytest.raises(InputError, match="no picture sizes"):

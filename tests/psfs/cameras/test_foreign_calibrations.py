@@ -11,7 +11,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from helpers import footage
+from helpers import camera_texts, footage
 from helpers.footage import words
 from scipy.io import savemat
 from scipy.spatial.transform import Rotation
@@ -51,17 +51,11 @@ def toml(folder: Path, rig: CameraRig) -> None:
 
 
 def middlebury(folder: Path, rig: CameraRig) -> None:
-    lines = [f"{c.name}.png {words(c.K)} {words(c.R)} {words(c.t)}" for c in rig]
-    (folder / "calib.txt").write_text("\n".join([str(len(rig)), *lines]))
+    (folder / "calib.txt").write_text(camera_texts.middlebury(rig))
 
 
 def surrey(folder: Path, rig: CameraRig) -> None:
-    text = f"{len(rig)} 1\n"
-    for camera in rig:
-        (width, height), K = camera.size, camera.K
-        text += f"0 {height - 1} 0 {width - 1}\n{words([K[0, 0], K[1, 1], K[0, 2], K[1, 2]])}\n"
-        text += f"{words(camera.distortion[:1])}\n{rows(camera.R)}\n{words(camera.t)}\n"
-    (folder / "calibration.txt").write_text(text)
+    (folder / "calibration.txt").write_text(camera_texts.surrey(rig))
 
 
 def krt(folder: Path, rig: CameraRig) -> None:
