@@ -37,11 +37,10 @@ NUMPY = {
 STICK = bodies.named("stick")
 
 
-@pytest.mark.parametrize("objective", ["voxel", "sp"])
 @pytest.mark.parametrize("search", SEARCHES)
-def test_trackers(device: Device, search: str, objective: str) -> None:
+def test_trackers(device: Device, search: str) -> None:
     world = World(device, STICK, voxel=0.2)
-    method = Method.create(search, objective)
+    method = Method.create(search)
     on_device = make_tracker(world.scene(), method)
     twin = make_tracker(world.scene(NumpyDevice()), method)
     assert type(on_device) is DEVICE[search] and type(twin) is NUMPY[search]

