@@ -18,7 +18,7 @@ import scipy
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.diagnostics.hulls import HullRays
 from psfs.diagnostics.tangency import NEAREST
-from psfs.footage.camera_times import LEAST_OVERLAP
+from psfs.footage.camera_times import LEAST_OVERLAP, known_medians
 from psfs.self_calibration.upright import FEWEST, UprightView
 
 #: Noise of the person's places on the floor and of the touching planes' positions, statures.
@@ -101,16 +101,11 @@ def differing_shares(a: np.ndarray, b: np.ndarray, lags: np.ndarray, noise: floa
     still = []
     for signal in (one, other, apart):
         values = np.where(known, signal, np.nan)
-        still.append(np.where(known, np.abs(values - _medians(values, count)), 0.0))
+        still.append(np.where(known, np.abs(values - known_medians(values, count)), 0.0))
     moving = np.maximum(still[0], still[1]).sum((-3, -1))
     total = count.sum((-3, -1))
     share = (still[2].sum((-3, -1)) + noise * total) / np.maximum(moving + noise * total, 1e-12)
     return np.where(total >= FEWEST, share, np.nan)
-
-
-def _medians(values: np.ndarray, count: np.ndarray) -> np.ndarray:
-    """Return the upper medians (..., 1) of values (..., F), of which count (..., 1) are not NaN."""
-    return np.take_along_axis(np.sort(values), np.minimum(count // 2, values.shape[-1] - 1), -1)
 
 
 def _planes(
