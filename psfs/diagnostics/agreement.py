@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import combinations_with_replacement
 
 import cv2
 import numpy as np
@@ -31,9 +30,8 @@ _NEAR = 0.15
 class CameraAgreement:
     """The agreement of V cameras in S frames.
 
-    outside: (S, V, V) share of the silhouettes of camera u (second axis) outside the hull of all
-    the others, w (third axis) left out, too; NaN without a silhouette. Where u = w, only u itself
-    is left out.
+    outside: (S, V, V) share of the silhouette of camera u (second axis) outside the hull of all
+    cameras but w (third axis); NaN without a silhouette.
     """
 
     outside: np.ndarray
@@ -75,16 +73,13 @@ class HullAgreement:
         outside = np.full((len(self.masks), len(chosen), len(chosen)), np.nan)
         for frame in range(len(self.masks)):
             voxels, missing = self._find_candidates(frame, chosen)
-            common = voxels[missing.sum(0) <= 1]
-            persons = [self._select_person(frame, int(view), common) for view in views]
-            for a, b in combinations_with_replacement(range(len(chosen)), 2):
-                hull = voxels[np.delete(missing, [a, b], axis=0).sum(0) == 0]
-                for covered_view, other in ((a, b), (b, a)) if a != b else ((a, a),):
-                    area = np.count_nonzero(persons[covered_view])
-                    if area:
-                        covered = self.project(int(chosen[covered_view]), hull)
-                        inside = np.count_nonzero(persons[covered_view] & covered)
-                        outside[frame, covered_view, other] = 1 - inside / area
+            persons = [self._select_person(frame, int(view), voxels) for view in views]
+            for without in range(len(chosen)):
+                hull = voxels[np.delete(missing, without, axis=0).sum(0) == 0]
+                for row, person in enumerate(persons):
+                    if person.any():
+                        beyond = person & ~self.project(int(chosen[row]), hull)
+                        outside[frame, row, without] = beyond.sum() / person.sum()
         return CameraAgreement(outside)
 
     def expect(self, frame: int, view: int, views: Sequence[int]) -> np.ndarray:
@@ -109,18 +104,18 @@ class HullAgreement:
         """Return the voxels (N,) bool that in a frame all cameras but one show."""
         common = np.zeros(len(self.space.used), bool)
         for frame in range(len(self.masks)):
-            voxels, missing = self._find_candidates(frame, views)
-            common[voxels[missing.sum(0) <= 1]] = True
+            voxels, _ = self._find_candidates(frame, views)
+            common[voxels] = True
         return common
 
     def _find_candidates(self, frame: int, views: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the voxels (N,) that enough cameras see and of these all but two show, and which
+        """Return the voxels (N,) that enough cameras see and of these all but one show, and which
         cameras (len(views), N) see them and show none."""
         pixels = self.space.pixels[views]
         foreground = look_up(self._wide[frame, views], pixels) > 0
         missing = (pixels >= 0) & ~foreground
         needed = max(1, min(2, len(views) - 1))
-        voxels = np.flatnonzero((missing.sum(0) <= 2) & (foreground.sum(0) >= needed))
+        voxels = np.flatnonzero((missing.sum(0) <= 1) & (foreground.sum(0) >= needed))
         return voxels, missing[:, voxels]
 
     def _select_person(self, frame: int, view: int, common: np.ndarray) -> np.ndarray:

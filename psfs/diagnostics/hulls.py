@@ -16,9 +16,10 @@ from psfs.diagnostics.small_views import Outline
 class HullRays:
     """Corners of the hulls of one camera's silhouettes in F frames, one frame's after another's.
 
-    pixels: (N, 2). starts: (M,) the first of each frame with a silhouette. frames: (M,) these
-    frames. at_border: (N,) bool, whether the silhouette may go on beyond the picture. camera:
-    small. rays: (N, 3) directions of depth 1 of the pixels in the camera's axes.
+    pixels: (N, 2). rows: (N,) the frame of each. starts: (M,) the first of each frame with a
+    silhouette. frames: (M,) these frames. at_border: (N,) bool, whether the silhouette may go on
+    beyond the picture. camera: small. rays: (N, 3) directions of depth 1 of the pixels in the
+    camera's axes.
     """
 
     def __init__(self, camera: Camera, outlines: Sequence[Outline | None]) -> None:
@@ -28,7 +29,8 @@ class HullRays:
         self.pixels = np.concatenate([line.points for _, line in traced] or [np.zeros((0, 2))])
         borders = [line.at_border for _, line in traced] or [np.zeros(0, bool)]
         self.at_border = np.concatenate(borders)
-        self.starts = np.cumsum([0, *(len(line.points) for _, line in traced)])[:-1]
+        lengths = [len(line.points) for _, line in traced]
+        self.rows, self.starts = np.repeat(self.frames, lengths), np.cumsum([0, *lengths])[:-1]
 
     @cached_property
     def rays(self) -> np.ndarray:
@@ -66,12 +68,9 @@ class HullRays:
         """Return `extremes` and the pixels (F, 2, 2) of their corners."""
         ends = self.extremes(values)
         pixels = np.full((self.n_frames, 2, 2), np.nan)
-        lengths = np.diff([*self.starts, len(values)])
         for side in range(2):
-            wanted = np.repeat(ends[self.frames, side], lengths)
-            at = np.nonzero(values == wanted)[0]
-            rows = np.repeat(self.frames, lengths)[at]
-            pixels[rows, side] = self.pixels[at]
+            at = np.nonzero(values == ends[self.rows, side])[0]
+            pixels[self.rows[at], side] = self.pixels[at]
         return ends, pixels
 
 

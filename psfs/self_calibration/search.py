@@ -273,8 +273,8 @@ def place_cameras(
     for camera, view, angle, lag in zip(cameras, views, angles, lags, strict=True):
         cosine, sine = np.cos(angle), np.sin(angle)
         turn = np.array([[cosine, -sine], [sine, cosine]])
-        begin, end = max(0, -lag), max(0, -lag, min(len(first), len(view.places) - lag))
-        apart = first[begin:end] - view.places[begin + lag : end + lag] @ turn.T
+        here, there = _overlap(first, view.places, lag)
+        apart = here - there @ turn.T
         known = np.isfinite(apart).all(axis=1)
         shift = apart[known].mean(axis=0) if known.any() else np.zeros(2)
         world = np.eye(3)

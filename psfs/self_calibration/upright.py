@@ -9,12 +9,11 @@ units of the person's stature, and where the person is in every frame (Lv, Zhao 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
 
-from psfs.cameras.camera import Camera
 from psfs.diagnostics.hulls import HullRays
 from psfs.diagnostics.small_views import Outline
 from psfs.footage.camera_times import INDEPENDENT_SHARE
@@ -56,7 +55,7 @@ def floor_axes(tilt: float, roll: float) -> np.ndarray:
 def fit_upright(hulls: HullRays, outlines: Sequence[Outline | None]) -> UprightView | None:
     """Fit the camera's tilt, roll and height to its outlines [frame] and their hulls; None if too
     few frames show the whole person."""
-    ends = _Ends(hulls.camera, outlines)
+    ends = HullRays(hulls.camera, _join_contours(outlines))
     values = np.array([_TILT[0], 0.0, _HEIGHT[0]])
     for _ in range(2):
         seen = _measure(hulls, ends, floor_axes(values[0], values[1]))
@@ -83,7 +82,7 @@ def fit_upright(hulls: HullRays, outlines: Sequence[Outline | None]) -> UprightV
     return UprightView(axes, float(np.nanmedian(b * distance)), places)
 
 
-def _cost(hulls: HullRays, ends: _Ends, x: np.ndarray) -> float:
+def _cost(hulls: HullRays, ends: HullRays, x: np.ndarray) -> float:
     """Return the robust sum of squares of the misfits and of the deviations from usual cameras."""
     top, bottom, head, feet = _measure(hulls, ends, floor_axes(x[0], x[1])).T
     b = np.tan(-bottom)
@@ -99,45 +98,42 @@ def _cost(hulls: HullRays, ends: _Ends, x: np.ndarray) -> float:
     return float(robust + np.square(prior).sum())
 
 
-class _Ends:
-    """Rays of the hulls' corners and of the contours, thinned out, for the places of head and feet.
-
-    The contour is the largest part's, and a collar may cut off the head; the hull has all parts.
-    """
-
-    def __init__(self, camera: Camera, outlines: Sequence[Outline | None]) -> None:
-        pairs = [
-            (n, np.concatenate([outline.points, outline.contour[::4]]))
-            for n, outline in enumerate(outlines)
-            if outline is not None
-        ]
-        pixels = np.concatenate([points for _, points in pairs] or [np.zeros((0, 2))])
-        self.rays = camera.rays(pixels) @ camera.R.T if len(pixels) else np.zeros((0, 3))
-        self.frames = np.repeat([n for n, _ in pairs], [len(p) for _, p in pairs]).astype(int)
-        self.starts = np.cumsum([0, *(len(points) for _, points in pairs)])[:-1]
-        self.seen = np.array([n for n, _ in pairs], int)
-
-    def middle(self, azimuth: np.ndarray, inside: np.ndarray, n: int) -> np.ndarray:
-        """Return the middle (n,) of the azimuths (N,) of the points `inside` in every frame."""
-        out = np.full(n, np.nan)
-        low = np.minimum.reduceat(np.where(inside, azimuth, np.inf), self.starts)
-        high = np.maximum.reduceat(np.where(inside, azimuth, -np.inf), self.starts)
-        out[self.seen] = 0.5 * (low + high)
-        return out
+def _join_contours(outlines: Sequence[Outline | None]) -> list[Outline | None]:
+    """Return outlines whose corners are those of the hull and points of the contour, for the places
+    of head and feet. The contour is the largest part's, and a collar may cut off the head; the hull
+    has all parts."""
+    return [
+        outline
+        and replace(
+            outline,
+            points=np.concatenate([outline.points, outline.contour[::4]]),
+            at_border=np.concatenate([outline.at_border, outline.contour_at_border[::4]]),
+        )
+        for outline in outlines
+    ]
 
 
-def _measure(hulls: HullRays, ends: _Ends, axes: np.ndarray) -> np.ndarray:
+def _find_middles(ends: HullRays, azimuth: np.ndarray, inside: np.ndarray) -> np.ndarray:
+    """Return the middle (F,) of the azimuths (N,) of the points `inside` in every frame."""
+    out = np.full(ends.n_frames, np.nan)
+    low = np.minimum.reduceat(np.where(inside, azimuth, np.inf), ends.starts)
+    high = np.maximum.reduceat(np.where(inside, azimuth, -np.inf), ends.starts)
+    out[ends.frames] = 0.5 * (low + high)
+    return out
+
+
+def _measure(hulls: HullRays, ends: HullRays, axes: np.ndarray) -> np.ndarray:
     """Return elevations of top and bottom, azimuths of head and feet (F, 4), rad."""
     local = hulls.rays @ axes.T
     elevation = np.arctan2(local[:, 2], np.hypot(local[:, 0], local[:, 1]))
     bottom, top = hulls.extremes(elevation).T
     local_ends = ends.rays @ axes.T
     rise = np.arctan2(local_ends[:, 2], np.hypot(local_ends[:, 0], local_ends[:, 1]))
-    share = (rise - bottom[ends.frames]) / (top - bottom)[ends.frames]
+    share = (rise - bottom[ends.rows]) / (top - bottom)[ends.rows]
     azimuth = np.arctan2(local_ends[:, 0], local_ends[:, 1])
     with np.errstate(invalid="ignore"):
-        head = ends.middle(azimuth, share > 1 - _HEAD, hulls.n_frames)
-        feet = ends.middle(azimuth, share < _FEET, hulls.n_frames)
+        head = _find_middles(ends, azimuth, share > 1 - _HEAD)
+        feet = _find_middles(ends, azimuth, share < _FEET)
     out = np.stack([top, bottom, head, feet], -1)
     out[~np.isfinite(out).all(1)] = np.nan
     return out
