@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 import numpy as np
 import scipy
 
-from psfs.common.numbers import match_pairs
 from psfs.people.coarse_voxels import DEBRIS, CoarseFrame, count_least_voxels
 from psfs.voxels.division import BANDS, LEVELS
 from psfs.voxels.grid import VoxelGrid
@@ -19,19 +18,16 @@ SPEED = 4.0
 _LEAST_HEIGHT, TALL, LOWEST = 0.9, 1.2, 0.4
 #: Least distance on the floor of two people who touch all the time; what is nearer is a part, m.
 APART = 0.45
-#: Distance at which a trajectory looks for its region, from its voxels up to which a region without
-#: an owner belongs to it, and beyond what the speed allows at which a person may return, m.
+#: Distance from a trajectory's voxels up to which a region without an owner belongs to it, and
+#: beyond what the speed allows at which a person may return, m.
 REACH = 0.4
 #: Distance from all who were in a region beyond which its voxels may be a newcomer's, m.
 _NEWCOMER = 0.25
-#: Least share of a trajectory's moved voxels that must fall into a region for it to be theirs.
-_OVERLAP = 0.2
 #: Volume that a region must gain or lose, as a share of one person's in it, for somebody to have
 #: come or gone: of capsules 0.9 to 1.7 if so, else up to 0.5.
 _CHANGE = 0.7
-#: Weight of the distance from a person's axis, added to that from the person's voxels in the frame
-#: before, where people touch; and of the last step in the running mean of a velocity.
-_AXIS_WEIGHT, _NEWEST = 0.5, 0.5
+#: Weight of the last step in the running mean of a velocity.
+_NEWEST = 0.5
 #: Least volume, as share of the usual one, that shows that a person is there.
 PRESENT = 0.35
 #: Shares of a region's height above which heads may rise apart from each other: people differ in
@@ -44,24 +40,21 @@ class Trajectory:
     """Trajectory of a person or an object.
 
     voxels: flat indices, by frame. touching: frames in which another one shared the region.
-    colours: histograms (BANDS, LEVELS^3), by frame, in some frames. unexplained: share of the
-    silhouettes that nobody else explains (see `CoarseVoxels.measure_unexplained`), by frame.
+    colours: histograms (BANDS, LEVELS^3), by frame, in some frames.
     """
 
     voxels: dict[int, np.ndarray] = field(default_factory=dict)
     touching: set[int] = field(default_factory=set)
     colours: dict[int, np.ndarray] = field(default_factory=dict)
-    unexplained: dict[int, float] = field(default_factory=dict)
 
     @property
     def frames(self) -> np.ndarray:
         """Numbers (F,) of its frames, ascending."""
         return np.array(sorted(self.voxels))
 
-    def sum_colours(self, first: float = -np.inf, last: float = np.inf) -> np.ndarray:
-        """Return the sum of the colours in frames from `first` to `last`."""
-        inside = [of for index, of in self.colours.items() if first <= index <= last]
-        return sum(inside, np.zeros((BANDS, LEVELS**3)))
+    def sum_colours(self) -> np.ndarray:
+        """Return the sum of the colours in all frames."""
+        return sum(self.colours.values(), np.zeros((BANDS, LEVELS**3)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,11 +88,11 @@ def stands(points: np.ndarray, size: float) -> bool:
 class PeopleFollower:
     """Assignment of the regions of one frame after the other to trajectories.
 
-    A trajectory takes the region that contains most of its voxels, moved by its velocity, or else
-    the nearest region within reach. A region taken by several trajectories is split among them, see
-    `_split`; its volume tells when somebody comes into it or goes from it. Of the remaining
-    regions, one near a trajectory that does not stand as a person does, such as a separate leg, is
-    added to that trajectory; a large one begins a new trajectory.
+    A trajectory takes the region that contains most of its voxels, moved by its velocity. A region
+    taken by several trajectories is split among them, see `_split`; its volume tells when somebody
+    comes into it or goes from it. Of the remaining regions, one near a trajectory that does not
+    stand as a person does, such as a separate leg, is added to that trajectory; a large one begins
+    a new trajectory.
     """
 
     def __init__(self, grid: VoxelGrid, fps: float) -> None:
@@ -135,7 +128,7 @@ class PeopleFollower:
                 rows.append(np.zeros(0, int))
                 self.all.append(Trajectory())
                 self._going.append(_ActiveTrajectory(self.all[-1], newcomer, np.zeros(2)))
-            parts = _split(points[own], [moved[k] for k in who], _AXIS_WEIGHT)
+            parts = _split(points[own], [moved[k] for k in who])
             for k, part in zip(who, parts, strict=True):
                 rows[k] = own[part]
                 if len(who) > 1:
@@ -197,10 +190,8 @@ class PeopleFollower:
         for were, own in zip(moved, votes, strict=True):
             distance, nearest = tree.query(were, distance_upper_bound=reach)
             own += np.bincount(regions[nearest[np.isfinite(distance)]], minlength=len(sizes))
-        enough = votes.sum(1) >= _OVERLAP * np.array([len(were) for were in moved])
-        owners = np.where(enough, votes.argmax(1), -1).tolist()
+        owners = np.where(votes.any(1), votes.argmax(1), -1).tolist()
         self._end_vanished(votes, sizes, moved, owners)
-        self._take_nearest(points, regions, sizes, moved, owners)
         return owners
 
     def _end_vanished(
@@ -228,40 +219,13 @@ class PeopleFollower:
         enough = far.sum() >= count_least_voxels(self.grid)
         return points[far] if enough and stands(points[far], self.grid.voxel_size) else None
 
-    def _take_nearest(
-        self,
-        points: np.ndarray,
-        regions: np.ndarray,
-        sizes: np.ndarray,
-        moved: list[np.ndarray],
-        owners: list[int],
-    ) -> None:
-        """Give those without a region the free ones that are nearest on the floor, all at once
-        (Hungarian method), within reach."""
-        lost = [k for k, of in enumerate(owners) if of < 0]
-        free = [int(r) for r in np.flatnonzero(sizes >= DEBRIS) if int(r) not in owners]
-        if not lost or not free:
-            return
-        middles = [find_middle(points[regions == region]) for region in free]
-        apart = np.array(
-            [[np.linalg.norm(find_middle(moved[k]) - middle) for middle in middles] for k in lost]
-        )
-        for row, column in match_pairs(apart, self._reach):
-            owners[lost[row]] = free[column]
 
-
-def _split(points: np.ndarray, moved: list[np.ndarray], axis_weight: float) -> list[np.ndarray]:
+def _split(points: np.ndarray, moved: list[np.ndarray]) -> list[np.ndarray]:
     """Return the rows of points (N, 3) that belong to each of those whose voxels (M, 3) were
-    there before: to the one whose voxels and axis are nearest."""
+    there before: to the one whose voxels are nearest."""
     if len(moved) == 1:
         return [np.arange(len(points))]
-    costs = []
-    for were in moved:
-        distance = scipy.spatial.cKDTree(were).query(points)[0]
-        costs.append(
-            distance + axis_weight * np.linalg.norm(points[:, :2] - find_middle(were), axis=1)
-        )
-    nearest = np.argmin(costs, axis=0)
+    nearest = np.argmin([scipy.spatial.cKDTree(were).query(points)[0] for were in moved], axis=0)
     return [np.flatnonzero(nearest == k) for k in range(len(moved))]
 
 

@@ -27,7 +27,6 @@ from psfs.people.identities import (
     is_person,
     is_tall,
     join_returning,
-    undo_swaps,
 )
 from psfs.sequence import Frame
 from psfs.session import Session, check_frames
@@ -79,7 +78,12 @@ class People:
     @property
     def misses_somebody(self) -> bool:
         """Whether most frames show more than could be followed."""
-        return self.at_once > len(self) + self.objects
+        return self.at_once > self._followed_at_once + self.objects
+
+    @property
+    def _followed_at_once(self) -> int:
+        """How many of the people most frames show."""
+        return int(np.median(self.counts)) if len(self.frames) else 0
 
     def __len__(self) -> int:
         return len(self.persons)
@@ -135,9 +139,9 @@ class People:
             text += f", {int(self.counts.min())} to {int(self.counts.max())} at a time"
         if self.misses_somebody:
             text = (
-                f"{self.at_once} people are seen at once in most frames, and {n} can be followed "
-                "from frame to frame; are the frames consecutive? Else give one moment at a time "
-                "(--frames 4:5)"
+                f"{self.at_once} people are seen at once in most frames, and "
+                f"{self._followed_at_once} can be followed from frame to frame; are the frames "
+                "consecutive? Else give one moment at a time (--frames 4:5)"
             )
         if self.objects:
             verbs = "move are no people" if self.objects > 1 else "moves is no person"
@@ -249,7 +253,6 @@ class _Search:
         if len(found) < 2:
             return People(self.frames, grid, tuple(map(self._person, found)))
         self._observe(found)
-        undo_swaps(found, 2 * fps)
         found = join_returning(found, grid, fps)
         ranked = sorted(found, key=lambda one: count_voxels(one) * len(one.voxels), reverse=True)
         largest = next((one for one in ranked if is_tall(one, grid)), ranked[0])
@@ -276,18 +279,13 @@ class _Search:
         return compute_ahead(frames, self._begin)
 
     def _observe(self, everything: list[Trajectory]) -> None:
-        """Look at the colours of all trajectories in some frames, and at what only they explain."""
+        """Look at the colours of all trajectories in some frames, if there are pictures."""
         every = max(1, round(self.rate / _RATE))
-        for frame, evidence in self._look(self.frames[::every]):
+        frames = self._look(self.frames[::every]) if self.session.has_images else ()
+        for frame, evidence in frames:
+            assert frame.images is not None
             ones = [one for one in everything if frame.index in one.voxels]
             parts = [one.voxels[frame.index] for one in ones]
-            for k, one in enumerate(ones):
-                others = [part for j, part in enumerate(parts) if j != k]
-                rest = np.concatenate(others) if others else np.zeros(0, int)
-                one.unexplained[frame.index] = self.space.measure_unexplained(
-                    evidence, parts[k], rest
-                )
-            if frame.images is not None:
-                colours = self.space.measure_colours(frame.images, evidence, parts)
-                for one, found in zip(ones, colours, strict=True):
-                    one.colours[frame.index] = found
+            colours = self.space.measure_colours(frame.images, evidence, parts)
+            for one, found in zip(ones, colours, strict=True):
+                one.colours[frame.index] = found

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from psfs.people.coarse_voxels import CoarseFrame, measure_similarity
+from psfs.people.coarse_voxels import CoarseFrame
 from psfs.people.following import Trajectory, count_heads, follow
 from psfs.people.identities import (
     count_voxels,
@@ -15,7 +15,6 @@ from psfs.people.identities import (
     is_person,
     is_tall,
     join_returning,
-    undo_swaps,
 )
 from psfs.voxels.division import BANDS, LEVELS
 from psfs.voxels.grid import VoxelGrid
@@ -170,14 +169,6 @@ def test_nobody_begins_in_a_ghost() -> None:
     assert where(one, 0) == pytest.approx([0, 0], abs=0.05) and len(one.voxels) == 3
 
 
-def test_a_hull_that_nobody_fills_is_no_person() -> None:
-    one = follow([frame(n, column(0, 0)) for n in range(5)], GRID, FPS)[0]
-    one.unexplained = {0: 0.5}
-    assert is_person(one, GRID, count_voxels(one))
-    one.unexplained = {0: 0.05}
-    assert not is_person(one, GRID, count_voxels(one))
-
-
 def coloured(code: int) -> np.ndarray:
     histogram = np.zeros((BANDS, LEVELS**3))
     histogram[:, code] = 10
@@ -197,17 +188,3 @@ def test_who_comes_back_is_known_by_the_colours() -> None:
     assert set(join_returning(found, GRID, FPS)) == {left, right}
     assert (len(left.voxels), len(right.voxels)) == (6, 12)
     assert find_present_frames(right).tolist() == [*range(6), *range(20, 26)]
-
-
-def test_an_exchange_in_a_contact_is_undone_by_the_colours() -> None:
-    first, second = Trajectory(), Trajectory()
-    for one, side in ((first, 0), (second, 1)):
-        one.voxels = {n: np.array([side]) for n in range(30)}
-        one.touching = set(range(10, 15))
-    for one, codes in ((first, (3, 9)), (second, (9, 3))):
-        one.colours = {n: coloured(codes[n >= 12]) for n in range(30)}
-    undo_swaps([first, second], 20)
-    assert [int(first.voxels[n][0]) for n in (0, 14, 15, 29)] == [0, 0, 1, 1]
-    assert [int(second.voxels[n][0]) for n in (0, 14, 15, 29)] == [1, 1, 0, 0]
-    early, late = first.sum_colours(0, 5), first.sum_colours(20, 29)
-    assert measure_similarity(early, late) == pytest.approx(1)
