@@ -26,16 +26,15 @@ from psfs.footage.camera_times import INDEPENDENT_SHARE
 
 #: Widths of limbs, statures, and the greatest ratio of a limb's widths in two cameras.
 _THINNEST, _WIDEST, _ALIKE = 0.018, 0.13, 1.4
-#: Depths that are searched around the person's middle, their step, and the distance of another
-#: depth from the best, statures.
-_AROUND, _STEP, _APART = 0.75, 0.011, 0.07
-#: Fewest cameras that see a point, and how many more must see it at the best depth than at another.
-_VIEWS, _LEAD = 3, 0.5
+#: Depths that are searched around the person's middle, and their step, statures.
+_AROUND, _STEP = 0.75, 0.011
+#: Fewest cameras that see a point.
+_VIEWS = 3
 #: Distance of a point from an axis up to which they agree, px, and greatest angle between a limb's
 #: direction and the plane in which a camera sees it, rad.
 _GATE, _STRAIGHT = 5.0, 0.35
 #: Points of each camera that are searched in the others.
-_PER_CAMERA = 2400
+_PER_CAMERA = 1200
 #: Information of the place along the axis: it fixes the point and tells no camera anything.
 _ALONG = 1e-2
 
@@ -183,10 +182,7 @@ def _find_points(
         costs.flat[tried[met]] -= np.where(agree, 1 - away**2, 0)
         votes.flat[tried[met]] += agree
     best, rows = costs.argmin(axis=1), np.arange(len(chosen))
-    another = np.abs(depths - depths[best][:, None]) > _APART * stature
-    lead = np.where(another, costs, 0).min(axis=1) - costs[rows, best]
     accepted = np.isfinite(costs[rows, best]) & (votes[rows, best] >= _VIEWS)
-    accepted &= lead > _LEAD
     return chosen[accepted], camera.centre + rays[accepted] * depths[best[accepted], None]
 
 

@@ -17,9 +17,8 @@ import scipy
 from psfs.cameras.camera import Camera
 from psfs.diagnostics.frontier import SilhouetteContours
 
-#: Standard deviation of the contours' smoothing and least width of a limb, px; least cosine between
-#: the edges of a limb.
-_SMOOTH, _NARROWEST, OPPOSITE = 2.0, 5.0, 0.9
+#: Standard deviation of the contours' smoothing, px; least cosine between the edges of a limb.
+_SMOOTH, OPPOSITE = 2.0, 0.9
 #: Points of a contour on either side by which its direction is measured.
 _SIDE = 3
 #: Farthest way of a facing point aside, px, and its least distance: nearer ones are neighbours.
@@ -103,8 +102,7 @@ def _find_middles(
     across = inward[first] - inward[second]
     across /= np.linalg.norm(across, axis=1, keepdims=True)
     middles = smooth[first] + 0.5 * widths[:, None] * inward[first]
-    wide = widths > _NARROWEST
-    return middles[wide], across[wide], widths[wide]
+    return middles, across, widths
 
 
 def _find_cells(places: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
