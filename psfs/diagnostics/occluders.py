@@ -30,13 +30,13 @@ from psfs.voxels.occupied_box import CoarseSpace, finest_pixel, look_up
 
 #: Examined frames, spread over the sequence.
 _SAMPLES = 64
-#: Least share of the frames in which a pixel contradicts the other cameras among those in which it
-#: shows the person or contradicts, by the number of cameras that show unexplained foreground, the
-#: strongest evidence first: two find specks in clean footage, but not where the person hardly ever
-#: appears. What more cameras explained is not left for fewer.
-_LEAST_SHARES = {3: 0.1, 2: 0.9}
-#: Most cameras that are hidden from the same place at once.
-_DENYING = 2
+#: Number of cameras that show unexplained foreground, greatest number that are hidden from the same
+#: place, and least share of the frames in which a pixel contradicts the other cameras among those
+#: in which it shows the person or contradicts; the strongest evidence first, since what it explains
+#: is not left for the next: two cameras find specks in clean footage, but not where the person
+#: hardly ever appears.
+_SEARCHES = ((3, 1, 0.1), (3, 2, 0.1), (2, 2, 0.9))
+_FEWEST = min(agreeing for agreeing, _, _ in _SEARCHES)
 #: Least number of frames in which a pixel must contradict the other cameras.
 _LEAST_FRAMES = 2
 #: Width of the holes that are filled, px; number of pixels below which a region is noise.
@@ -56,7 +56,7 @@ def find_hidden_pixels(session: Session) -> np.ndarray | None:
     None if there are none, or too few cameras to decide.
     """
     rig, sequence = session.rig, session.sequence
-    if len(rig) <= max(_LEAST_SHARES):
+    if len(rig) <= max(agreeing for agreeing, _, _ in _SEARCHES):
         return None
     shrink = Shrink(rig, rig.factor_within(LARGE_SIDE))
     background = shrink.background(session.background)
@@ -99,13 +99,13 @@ def find_hidden_in_box(
     edge = max(edge, finest_pixel(rig, VoxelGrid.covering(low, high, edge)))
     grid = VoxelGrid.covering(low, high, edge)
     space = CoarseSpace(rig, grid, OccupancyConfig().seeing_cameras(len(rig)))
-    space.keep(_count(reduce(np.maximum, evidence) > 0, space.pixels) >= min(_LEAST_SHARES))
+    space.keep(_count(reduce(np.maximum, evidence) > 0, space.pixels) >= _FEWEST)
     hidden = np.zeros_like(evidence[0], bool)
     seeing = map_in_threads(lambda maps: _count(maps > 0, space.pixels), evidence)
     frames = list(zip(evidence, seeing, strict=True))
-    for agreeing, least_share in _LEAST_SHARES.items():
+    for agreeing, denying, least_share in _SEARCHES:
         denied, confirmed = np.zeros((2, *hidden.shape), np.uint8)
-        judge = partial(_judge, space, margin, agreeing, hidden if hidden.any() else None)
+        judge = partial(_judge, space, margin, agreeing, denying, hidden if hidden.any() else None)
         for confirms, denies in map_in_threads(judge, frames):
             confirmed += _bytes(confirms)
             if denies is not None:
@@ -122,12 +122,14 @@ def _judge(
     space: CoarseSpace,
     margin: int,
     agreeing: int,
+    denying: int,
     hidden: np.ndarray | None,
     frame: tuple[np.ndarray, np.ndarray],
 ) -> tuple[np.ndarray, np.ndarray | None]:
     """Return the pixels (V, H, W) bool that confirm, in a frame, what the other cameras see in the
     voxels of a space, and those that deny it, None without any. margin: as of `find_hidden_in_box`.
-    agreeing: least number of cameras with unexplained foreground. hidden: (V, H, W) bool, pixels
+    agreeing: least number of cameras with unexplained foreground. denying: greatest number of those
+    that deny a place. hidden: (V, H, W) bool, pixels
     known to be hidden already, which deny nothing. frame: its evidence maps, and the number of
     cameras that show foreground in each voxel."""
     evidence, seeing = frame
@@ -147,7 +149,7 @@ def _judge(
     if lonely.any((1, 2)).sum() >= agreeing:
         denied = np.zeros_like(shown)
         n_against, n_for = against.sum(0), (counts > 0).sum(0)
-        amiss = (_count(lonely, pixels) >= agreeing) & (n_against <= _DENYING)
+        amiss = (_count(lonely, pixels) >= agreeing) & (n_against <= denying)
         amiss &= ~occupied & (n_for >= n_against)
         for view, own in enumerate(shown):
             denied[view] = space.cover(view, rows[amiss & against[view]]) & ~own

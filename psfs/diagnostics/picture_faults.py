@@ -130,20 +130,25 @@ def find_repeated(evidence: Evidence) -> Iterator[Fault]:
 
 def _measure_motion(evidence: Evidence, view: int, hang: slice) -> float:
     """Return the share of the hull of the other cameras that changes in a camera's picture
-    during a stretch of frames: the least of its halves, since somebody who passes once tells
+    during a stretch of frames, as far as it shows that hull in the others: furniture may stand
+    before it. The least of the stretch's halves counts, since somebody who passes once tells
     little."""
-    numbers = evidence.views.samples[evidence.agreement.samples] - evidence.views.frames.start
-    inside = np.flatnonzero((numbers >= hang.start) & (numbers < hang.stop))
-    if len(inside) < 3:
+    agreement = evidence.agreement
+    numbers = evidence.views.samples[agreement.samples] - evidence.views.frames.start
+    within = (numbers >= hang.start) & (numbers < hang.stop)
+    if within.sum() < 3:
         return 0.0
-    ends = [
-        evidence.agreement.expect(int(k), view, evidence.sound)
-        for k in (inside[0], inside[len(inside) // 2], inside[-1])
-    ]
+    expected = [agreement.expect(k, view, evidence.sound) for k in range(len(numbers))]
+    inside = np.flatnonzero(within)
+    ends = [expected[k] for k in (inside[0], inside[len(inside) // 2], inside[-1])]
     if not all(end.any() for end in ends):
         return 0.0
     moves = [(a ^ b).sum() / (a | b).sum() for a, b in combinations(ends, 2)]
-    return float(max(moves))
+    shown = [
+        (hull & (agreement.masks[k, view] > 0)).sum() / hull.sum()
+        for k, hull in enumerate(expected) if not within[k] and hull.any()
+    ]  # fmt: skip
+    return float(max(moves) * (np.mean(shown) if shown else 1.0))
 
 
 def find_wrong_background(evidence: Evidence) -> Iterator[Fault]:

@@ -93,13 +93,19 @@ class CoarseSpace:
         square = np.ones((self.widths[view] + margin,) * 2, np.uint8)
         return cv2.dilate(shown.reshape(self.rig.height, self.rig.width), square) > 0
 
-    def carve(self, evidence: np.ndarray) -> np.ndarray:
+    def carve(self, evidence: np.ndarray, *, all_agree: bool = True) -> np.ndarray:
         """Return the flat indices, ascending, of the occupied voxels: each has the largest evidence
-        of the pixels that it covers. evidence: maps (V, H, W) from `remove_speckle`."""
-        votes = np.zeros(len(self.used), np.int32)
+        of the pixels that it covers. evidence: maps (V, H, W) from `remove_speckle`. all_agree: if
+        false, where more than three cameras look, the one that denies most does not count:
+        furniture may stand before it."""
+        votes, least = np.zeros((2, len(self.used)), np.int32)
         for counts, at, width in zip(evidence, self.pixels, self.widths, strict=True):
             wide = _to_evidence(cv2.dilate(_bytes(counts), np.ones((width, width), np.uint8)))
-            votes += np.where(at >= 0, wide.ravel()[at], 0)
+            vote = np.where(at >= 0, wide.ravel()[at], 0)
+            votes += vote
+            np.minimum(least, vote, out=least)
+        if not all_agree:
+            votes -= np.where((self.pixels >= 0).sum(0) > 3, least, 0)
         return self.used[votes > 0]
 
 
@@ -117,11 +123,12 @@ def look_up(maps: np.ndarray, pixels: np.ndarray) -> np.ndarray:
 def largest_parts_box(
     rig: CameraRig, evidence: list[np.ndarray], grid: VoxelGrid, min_cameras: int
 ) -> tuple[np.ndarray, np.ndarray] | None:
-    """Return the box, m, around the largest connected parts of all frames; None if there are none.
-    evidence: maps of each frame, from `remove_speckle`."""
+    """Return the box, m, around the largest connected parts of all frames, also those that one
+    camera denies; None if there are none. evidence: maps of each frame, from `remove_speckle`."""
     space = CoarseSpace(rig, grid, min_cameras)
     boxes = map_in_threads(
-        lambda maps: find_largest_region_box(space.carve(maps), grid.shape), evidence
+        lambda maps: find_largest_region_box(space.carve(maps, all_agree=False), grid.shape),
+        evidence,
     )
     corners = np.array([box for box in boxes if box is not None])
     if not len(corners):

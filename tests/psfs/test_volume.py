@@ -58,6 +58,18 @@ def test_the_body_lies_inside(device: Device) -> None:
         assert np.all(grid.high - grid.low < [1.4, 1.4, 2.4])
 
 
+def test_one_camera_of_four_may_deny_the_body() -> None:
+    rig = scenes.ring(4)
+    masks = scenes.masks_of(rig)
+    masks[1] = 0
+    grid = automatic_grid(session(Footage(rig, [masks] * 3)))
+    assert np.all(grid.low < [-0.2, -0.3, 0.2]) and np.all(grid.high > [0.4, 0.3, 1.6])
+    assert np.all(grid.high - grid.low < [1.4, 1.4, 2.4])
+    three = scenes.ring(3)
+    with pytest.raises(InputError, match="nothing stands out"):
+        automatic_grid(session(Footage(three, [masks[:3]])))
+
+
 def test_a_stated_volume_is_taken() -> None:
     volume = np.array([-1.0, -1, 0]), np.array([1.0, 1, 2])
     footage = Footage(scenes.ring(2), [], volume)

@@ -207,6 +207,15 @@ def test_a_camera_that_hangs_for_a_while(tmp_path: Path, masks: np.ndarray) -> N
     assert f"in frames 18 to {FRAMES - 1}" in str(fault)
 
 
+def test_a_camera_behind_furniture_does_not_hang(tmp_path: Path, masks: np.ndarray) -> None:
+    spoilt = masks.copy()
+    top = np.flatnonzero(masks[:, 2].any((0, 2)))[0] + 2
+    spoilt[:, 2, top:] = 0
+    spoilt[FRAMES // 2 :, 2] = 0
+    found = faults(write(tmp_path / "a", spoilt))
+    assert all(fault.kind != "repeats" for fault in found)
+
+
 def test_a_camera_of_another_take(tmp_path: Path, masks: np.ndarray) -> None:
     """It shows the block elsewhere, and never as the others do at any lag."""
     spoilt = masks.copy()

@@ -54,6 +54,17 @@ def test_a_table_is_found_in_the_camera_that_it_stands_before() -> None:
     assert beside.sum() < 0.2 * hidden[1].sum()
 
 
+def test_furniture_before_all_but_the_head_hides_nothing_from_the_others() -> None:
+    frames = walking(RIG)
+    rows = np.flatnonzero(np.any([maps[1] > 0 for maps in frames], (0, 2)))
+    boxes = np.zeros((RIG.height, RIG.width), bool)
+    boxes[rows[len(rows) // 10] :] = True
+    hidden = find_hidden_in_box(RIG, behind(frames, boxes, 1), LOW, HIGH, *LIMITS)
+    assert hidden is not None and not hidden[[0, 2, 3, 4, 5]].any()
+    often = boxes & (np.mean([maps[1] > 0 for maps in frames], 0) > 0.5)
+    assert (hidden[1] & often).sum() > 0.9 * often.sum()
+
+
 def test_clean_footage_has_none() -> None:
     assert find_hidden_in_box(RIG, walking(RIG), LOW, HIGH, *LIMITS) is None
 
