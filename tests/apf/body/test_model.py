@@ -12,6 +12,7 @@ from apf.body.limbs import trunk_mask
 from apf.body.model import BodyModel, sideless
 from apf.body.toml import load_body, save_body
 from cl import InputError, MissingFileError
+from psfs.common.files import read_toml
 
 #: The folder of the shipped bodies.
 BODIES = Path(apf.body.__file__).parent / "models"
@@ -47,7 +48,29 @@ def moved(**dofs: float) -> dict[str, np.ndarray]:
     return dict(zip(SONG.joint_names, step[1] - step[0], strict=True))
 
 
-def test_song32_has_a_trunk_that_bends_sideways() -> None:
+def test_song31_has_the_degrees_of_freedom_of_the_papers() -> None:
+    count = {bone.name: len(bone.axes) for bone in SONG.bones}
+    assert count["pelvis"] == 6 and count["thorax"] == 2 and count["head"] == 3
+    for side in "lr":
+        legs_and_arms = [count[f"{side}_{n}"] for n in ("thigh", "calf", "clavicle", "upper_arm")]
+        assert legs_and_arms == [3, 1, 2, 3]
+        assert count[f"{side}_forearm"] == 1
+    assert SONG.n_dof == 31 == sum(count.values())
+    assert sum(cone.in_images for cone in SONG.cones) == 10
+
+
+def test_song32_is_song31_with_a_trunk_that_bends_sideways() -> None:
+    entries = [read_toml(BODIES / f"{name}.toml") for name in ("song31", "song32")]
+    assert [entry.pop("name") for entry in entries] == ["song31", "song32"]
+    thorax = next(bone for bone in entries[1]["bone"] if bone["name"] == "thorax")
+    assert [axis["axis"] for axis in thorax["axes"]] == ["ry", "rx", "rz"]
+    del thorax["axes"][1]
+    for entry in entries:
+        for bone in entry["bone"]:
+            for axis in bone["axes"]:
+                for prior in ("posture_sigma", "posture_rise"):
+                    axis.pop(prior, None)
+    assert entries[0] == entries[1]
     bent = load_body("song32")
     assert bent.n_dof == 32
     pose = bent.rest_pose.copy()
