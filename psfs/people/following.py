@@ -16,15 +16,13 @@ SPEED = 4.0
 #: Least height of a region with which somebody begins to be followed; that which a person reaches
 #: at times, unlike an object; and that of a person's lowest part over the floor, m.
 _LEAST_HEIGHT, TALL, LOWEST = 0.9, 1.2, 0.4
-#: Least distance on the floor of two people who touch all the time; what is nearer is a part, m.
+#: Least distance on the floor of two people, m.
 APART = 0.45
 #: Distance from a trajectory's voxels up to which a region without an owner belongs to it, and
 #: beyond what the speed allows at which a person may return, m.
 REACH = 0.4
-#: Distance from all who were in a region beyond which its voxels may be a newcomer's, m.
-_NEWCOMER = 0.25
-#: Volume that a region must gain or lose, as a share of one person's in it, for somebody to have
-#: come or gone: of capsules 0.9 to 1.7 if so, else up to 0.5.
+#: Volume that a region must lose, as a share of one person's in it, for somebody to have gone: of
+#: capsules 0.9 to 1.7 if so, else up to 0.5.
 _CHANGE = 0.7
 #: Weight of the last step in the running mean of a velocity.
 _NEWEST = 0.5
@@ -39,12 +37,10 @@ _NECKS, _LEAST_HEAD = (0.8, 0.85, 0.9), 4
 class Trajectory:
     """Trajectory of a person or an object.
 
-    voxels: flat indices, by frame. touching: frames in which another one shared the region.
-    colours: histograms (BANDS, LEVELS^3), by frame, in some frames.
+    voxels: flat indices, by frame. colours: histograms (BANDS, LEVELS^3), by frame, in some frames.
     """
 
     voxels: dict[int, np.ndarray] = field(default_factory=dict)
-    touching: set[int] = field(default_factory=set)
     colours: dict[int, np.ndarray] = field(default_factory=dict)
 
     @property
@@ -89,10 +85,10 @@ class PeopleFollower:
     """Assignment of the regions of one frame after the other to trajectories.
 
     A trajectory takes the region that contains most of its voxels, moved by its velocity. A region
-    taken by several trajectories is split among them, see `_split`; its volume tells when somebody
-    comes into it or goes from it. Of the remaining regions, one near a trajectory that does not
-    stand as a person does, such as a separate leg, is added to that trajectory; a large one begins
-    a new trajectory.
+    taken by several trajectories is split among them, see `_split`; its loss of volume tells when
+    somebody goes from it, or came, as `follow` goes both ways. Of the remaining regions, one near a
+    trajectory that does not stand as a person does, such as a separate leg, is added to that
+    trajectory; a large one begins a new trajectory.
     """
 
     def __init__(self, grid: VoxelGrid, fps: float) -> None:
@@ -121,18 +117,9 @@ class PeopleFollower:
         for region in sorted({region for region in owners if region >= 0}):
             own = np.flatnonzero(frame.regions == region)
             who = [k for k, of in enumerate(owners) if of == region]
-            newcomer = self._find_newcomer(points[own], [moved[k] for k in who])
-            if newcomer is not None:
-                who.append(len(moved))
-                moved.append(newcomer)
-                rows.append(np.zeros(0, int))
-                self.all.append(Trajectory())
-                self._going.append(_ActiveTrajectory(self.all[-1], newcomer, np.zeros(2)))
             parts = _split(points[own], [moved[k] for k in who])
             for k, part in zip(who, parts, strict=True):
                 rows[k] = own[part]
-                if len(who) > 1:
-                    self._going[k].one.touching.add(frame.index)
         new = self._assign_rest(points, frame, sizes, owners, rows)
         going = []
         for k, own in enumerate(rows):
@@ -208,17 +195,6 @@ class PeopleFollower:
             if len(who) > 1 and lack > _CHANGE * len(moved[least]):
                 owners[least] = -1
 
-    def _find_newcomer(self, points: np.ndarray, known: list[np.ndarray]) -> np.ndarray | None:
-        """Return the points of a region (N, 3) that are far from the voxels (M, 3) of all who are
-        `known` to be in it, if they stand as a person does and the region has gained a person's
-        volume."""
-        gain = len(points) - sum(len(were) for were in known)
-        if gain < _CHANGE * min(len(were) for were in known):
-            return None
-        far = scipy.spatial.cKDTree(np.concatenate(known)).query(points)[0] > _NEWCOMER
-        enough = far.sum() >= count_least_voxels(self.grid)
-        return points[far] if enough and stands(points[far], self.grid.voxel_size) else None
-
 
 def _split(points: np.ndarray, moved: list[np.ndarray]) -> list[np.ndarray]:
     """Return the rows of points (N, 3) that belong to each of those whose voxels (M, 3) were
@@ -250,7 +226,6 @@ def follow(
         return []
     counts = [_count_standing(frame, grid) for frame in frames]
     middle = _find_longest_maximum(counts)
-    torn = None
     if number is not None and 0 < counts[middle][0] < number:
         most = max(counts)
         split = {
@@ -259,26 +234,14 @@ def follow(
             if count == most
         }
         middle = max(split, key=lambda k: split[k][1])
-        torn = frames[middle]
         frames = [*frames[:middle], split[middle][0], *frames[middle + 1 :]]
     forward, back = PeopleFollower(grid, fps), PeopleFollower(grid, fps)
     for frame in frames[middle:]:
         forward(frame)
-    if torn is not None:
-        _mark_touching(forward.all, torn)
     back.begin(forward.all, frames[middle].index)
     for frame in reversed(frames[:middle]):
         back(frame)
     return back.all
-
-
-def _mark_touching(trajectories: list[Trajectory], frame: CoarseFrame) -> None:
-    """Note those that share a region of a frame."""
-    ones = [one for one in trajectories if frame.index in one.voxels]
-    own = [set(frame.regions[np.isin(frame.voxels, one.voxels[frame.index])]) for one in ones]
-    for number, (one, regions) in enumerate(zip(ones, own, strict=True)):
-        if any(regions & others for k, others in enumerate(own) if k != number):
-            one.touching.add(frame.index)
 
 
 def _split_widest(frame: CoarseFrame, grid: VoxelGrid, n_more: int) -> tuple[CoarseFrame, float]:

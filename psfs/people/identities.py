@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -27,8 +27,6 @@ _LIKENESS = 0.45
 #: Least volume of a second person, as share of the largest one's: a child of 1.15 m beside a tall
 #: man has 0.28.
 _LEAST_SHARE = 0.2
-#: Share of frames with contact above which a trajectory may be part of another person.
-_CONTACT = 0.9
 #: Frames that measure the height of a trajectory, and the share of them in which somebody may
 #: crouch.
 _LOOKS, _CROUCHING = 15, 0.8
@@ -54,7 +52,6 @@ def join_returning(ones: Sequence[Trajectory], grid: VoxelGrid, fps: float) -> l
         i, j = divmod(int(costs.argmin()), len(ones))
         joined, other = ones[i], ones.pop(j)
         joined.voxels.update(other.voxels)
-        joined.touching.update(other.touching)
         joined.colours.update(other.colours)
 
 
@@ -75,21 +72,6 @@ def is_person(one: Trajectory, grid: VoxelGrid, largest: float) -> bool:
     """Return whether a trajectory is a second person beside one of `largest` volume."""
     low = np.median(_find_ends(one, grid)[:, 0]) <= LOWEST
     return bool(low and count_voxels(one) >= _LEAST_SHARE * largest and is_tall(one, grid))
-
-
-def is_part(one: Trajectory, others: Iterable[Trajectory], grid: VoxelGrid) -> bool:
-    """Return whether a trajectory is a part of one of the `others`: it touches somebody in nearly
-    all frames, and is nearer to them than two people can be."""
-    if len(one.touching) <= _CONTACT * len(one.voxels):
-        return False
-    apart = []
-    for index in sorted(one.touching):
-        rest = [of.voxels[index] for of in others if index in of.touching and index in of.voxels]
-        if index in one.voxels and rest:
-            middles = [find_middle(grid.centres(own)) for own in rest]
-            own = find_middle(grid.centres(one.voxels[index]))
-            apart.append(np.linalg.norm(own - middles, axis=1).min())
-    return not apart or float(np.median(apart)) < APART
 
 
 def is_tall(one: Trajectory, grid: VoxelGrid) -> bool:

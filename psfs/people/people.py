@@ -23,7 +23,6 @@ from psfs.people.following import (
 from psfs.people.identities import (
     count_voxels,
     find_present_frames,
-    is_part,
     is_person,
     is_tall,
     join_returning,
@@ -257,11 +256,7 @@ class _Search:
         ranked = sorted(found, key=lambda one: count_voxels(one) * len(one.voxels), reverse=True)
         largest = next((one for one in ranked if is_tall(one, grid)), ranked[0])
         rest = [one for one in ranked if one is not largest and len(one.voxels) >= lasting]
-        chosen = [
-            one for one in rest
-            if is_person(one, grid, count_voxels(largest))
-            and not is_part(one, [other for other in found if other is not one], grid)
-        ]  # fmt: skip
+        chosen = [one for one in rest if is_person(one, grid, count_voxels(largest))]
         if self.number is not None:
             others = [one for one in rest if one not in chosen]
             chosen = [*chosen, *others][: self.number - 1]

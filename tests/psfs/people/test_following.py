@@ -11,7 +11,6 @@ from psfs.people.following import Trajectory, count_heads, follow
 from psfs.people.identities import (
     count_voxels,
     find_present_frames,
-    is_part,
     is_person,
     is_tall,
     join_returning,
@@ -54,7 +53,6 @@ def test_people_who_pass_each_other_and_touch_keep_their_names(ahead: bool) -> N
         assert len(one.voxels) == 21
         assert abs(where(one, 0)[0] + where(one, 20)[0]) < 0.2  # on the other side
         assert abs(where(one, 0)[1] - where(one, 20)[1]) < 0.1  # in the own lane
-        assert 10 in one.touching and 0 not in one.touching
 
 
 @pytest.mark.parametrize("leaves", [True, False])
@@ -66,7 +64,6 @@ def test_who_comes_or_leaves_beside_somebody_is_there_until_then(leaves: bool) -
     ]
     found = follow(frames, GRID, FPS)
     assert sorted(len(one.voxels) for one in found) == [14, 16]
-    assert all(one.touching for one in found)
 
 
 def test_who_touches_at_first_is_known_from_later() -> None:
@@ -104,7 +101,6 @@ def test_heads_tell_how_many_touch_all_the_time(shown: int, people: int) -> None
     assert heads == (people if people > 1 else None)
     found = follow(frames, GRID, FPS, heads)
     assert [len(one.voxels) for one in found] == [8] * people
-    assert all(len(one.touching) == 8 * (people - 1) for one in found)
 
 
 def test_a_body_torn_in_two_is_one_person() -> None:
@@ -146,19 +142,6 @@ def test_a_trolley_is_no_person_though_it_stands_beside_somebody_all_the_time() 
     person, trolley = follow(frames, GRID, FPS)
     assert is_tall(person, GRID) and not is_tall(trolley, GRID)
     assert not is_person(trolley, GRID, count_voxels(person))
-
-
-@pytest.mark.parametrize(("apart", "part"), [(0.3, True), (0.6, False)])
-def test_who_always_touches_is_a_part_only_if_two_people_cannot_be_so_near(
-    apart: float, part: bool
-) -> None:
-    ones = [
-        Trajectory({n: np.flatnonzero(column(x, 0)) for n in range(5)}, set(range(5)))
-        for x in (0.0, apart)
-    ]
-    assert is_part(ones[1], ones[:1], GRID) == part
-    ones[1].touching.clear()
-    assert not is_part(ones[1], ones[:1], GRID)
 
 
 def test_nobody_begins_in_a_ghost() -> None:
