@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from rich.table import Table
@@ -13,10 +14,13 @@ from psfs.cli.commandline import make_table, progress_bar, stdout, warn
 from psfs.common.files import write_json
 from psfs.common.numbers import json_number
 from psfs.common.outputs import output_folder
+from psfs.diagnostics.cloud_scores import DEFINITION as CLOUD_DEFINITION
+from psfs.diagnostics.cloud_scores import CloudScore, mean_scores, score_cloud
 from psfs.diagnostics.config import DEFINITION
 from psfs.diagnostics.examination import Examination, diagnose
 from psfs.diagnostics.fault import Fault
 from psfs.diagnostics.reprojection_iou import Checker, describe_cut_silhouettes
+from psfs.diagnostics.silhouette_scores import true_masks
 from psfs.output.reconstruction_folder import ReconstructionFolder
 from psfs.request import CheckRequest
 from psfs.session import Session, SessionSettings
@@ -40,13 +44,17 @@ def _check(request: CheckRequest) -> None:
     device = select_device(request.device)
     session = Session(sequence, device, SessionSettings(run.config))
     checker = Checker(session, run.grid)
-    scores = []
+    scores, clouds = [], []
     first, last = run.indices[0], run.indices[-1]
     step = run.indices[1] - first if len(run.indices) > 1 else 1
     frames = sequence.frames(slice(first, last + 1, step))
     with progress_bar() as bar:
         for frame in bar.track(frames, len(run.indices), description="checking"):
-            scores.append(checker(frame, run.cloud(frame.index)))
+            cloud = run.cloud(frame.index)
+            scores.append(checker(frame, cloud))
+            truth = true_masks(sequence, frame.index)
+            if any(mask is not None for mask in truth):
+                clouds.append(score_cloud(sequence.rig, cloud, truth))
     diagnosis = diagnose(session)
     bad = [fault for fault in diagnosis.faults if fault.spoils]
     names, found = sequence.rig.names, np.array(scores)
@@ -56,7 +64,7 @@ def _check(request: CheckRequest) -> None:
     named = {name for fault in diagnosis.faults if fault.serious for name in fault.cameras}
     if not comments:
         comments = low_agreement(sequence.folder, names, found, named)
-    _report(run, names, found, bad, comments)
+    _report(run, names, found, bad, comments, clouds)
 
 
 def low_agreement(
@@ -80,15 +88,19 @@ def _report(
     scores: np.ndarray,
     bad: list[Fault],
     comments: list[str],
+    clouds: list[CloudScore],
 ) -> None:
-    """Print and write scores (frames, V): IoU, NaN if there was nothing to compare."""
+    """Print and write scores (frames, V): IoU, NaN if there was nothing to compare; and those of
+    clouds with true masks."""
     masked = np.ma.masked_invalid(scores)
     stdout.print(iou_table("IoU with the frames' silhouettes", names, masked))
+    if clouds:
+        stdout.print(_format_truth(clouds))
     left_out: dict[str, str] = run.summary["sequence"].get("left_out", {})
     disagreeing = left_out | {fault.cameras[0]: str(fault) for fault in bad}
     for text in (*disagreeing.values(), *comments):
         warn(text, stdout)
-    report = {
+    report: dict[str, Any] = {
         "definition": DEFINITION,
         "mean_iou": json_number(masked.mean()),
         "cameras": {
@@ -102,7 +114,19 @@ def _report(
             for index, row in zip(run.indices, scores, strict=True)
         },
     }
+    if clouds:
+        report["truth"] = {"definition": CLOUD_DEFINITION, "frames": len(clouds)}
+        report["truth"] |= mean_scores(clouds)
     write_json(run.out / _REPORT, report)
+
+
+def _format_truth(clouds: list[CloudScore]) -> str:
+    """Return a line with the clouds' scores."""
+    mean = {name: "-" if of is None else f"{of:.3f}" for name, of in mean_scores(clouds).items()}
+    return (
+        f"true masks of {len(clouds)} frames: IoU {mean['iou']}, with true silhouettes "
+        f"{mean['ceiling']}; share of ghosts {mean['ghosts']}; IoU of voxels {mean['volume']}"
+    )
 
 
 def iou_table(title: str, names: list[str], scores: np.ma.MaskedArray) -> Table:

@@ -17,7 +17,6 @@ import tomllib
 from peers.figures import LIMB_JOINTS, measure_track
 
 from accuracy.ablation import load_preset
-from accuracy.cloud_scores import CloudScore, mean_scores, score_cloud
 from accuracy.runs import Results, Run, Setting, evaluate_run, make_method
 from apf.body.kinematics import posed_joints
 from apf.body.model import BodyModel
@@ -40,6 +39,7 @@ from apf.tracking.track import Track
 from apf.tracking.triangulated import TriangulatedConfig, triangulate_track
 from cl import Device, InputError
 from psfs.common.files import write_json
+from psfs.diagnostics.cloud_scores import CloudScore, mean_scores, score_cloud
 from psfs.diagnostics.examination import examine
 from psfs.diagnostics.sequence_info import find_keypoints
 from psfs.diagnostics.silhouette_scores import score_silhouettes, truth_frames
@@ -285,7 +285,7 @@ def true_stature(folder: Path, truth: JointSeries) -> float:
 def evaluate_silhouettes(session: Session, check: Callable[[], object]) -> dict[str, Any]:
     """Return the IoU with the true masks: the mean, and per frame those of the cameras; see
     psfs.diagnostics.silhouette_scores. Then the means over frames of the clouds' scores; see
-    accuracy.cloud_scores."""
+    psfs.diagnostics.cloud_scores."""
     wanted = truth_frames(session.sequence)
     frames: dict[str, list[float | None]] = {}
     clouds: list[CloudScore] = []

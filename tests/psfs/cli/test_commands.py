@@ -1,6 +1,7 @@
 """`psfs reconstruct`, `check` and `view` on a small folder with ready masks."""
 
 import json
+import shutil
 from pathlib import Path
 
 import cv2
@@ -19,8 +20,13 @@ FRAMES = 4
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A native folder of five cameras; the body is there in all frames but the first."""
-    return faults.masks_folder(tmp_path_factory.mktemp("walk"), FRAMES)
+    """A native folder of five cameras; the body is there in all frames but the first. The masks of
+    the third are the true ones."""
+    walk = faults.masks_folder(tmp_path_factory.mktemp("walk"), FRAMES)
+    (walk / "truth_masks").mkdir()
+    for camera in (walk / "masks").iterdir():
+        shutil.copy(sorted(camera.iterdir())[2], walk / "truth_masks" / f"{camera.name}_000002.png")
+    return walk
 
 
 def reconstruct(folder: Path, out: Path, *flags: str) -> int:
@@ -49,6 +55,9 @@ def test_reconstruct_then_check_then_view(
     report = json.loads((out / "check.json").read_text())
     assert report["mean_iou"] > 0.8 and len(report["cameras"]) == 5
     assert report["frames"]["0"] == [None] * 5
+    truth = report["truth"]
+    assert truth["frames"] == 1 and 0.8 < truth["iou"] <= truth["ceiling"] + 0.05
+    assert f"true masks of 1 frames: IoU {truth['iou']:.3f}" in capsys.readouterr().out
 
     assert main(["view", str(out), "--frame", "2", "--png", str(tmp_path / "view.png")]) == 0
     assert cv2.imread(str(tmp_path / "view.png")).shape[1] == 1800

@@ -1,12 +1,5 @@
 """Agreement of voxel clouds with true masks, compared with clouds that the same grid would give if
-the true masks were the silhouettes.
-
-iou: of the true masks with the cloud, whose surface voxels are drawn as discs of half their
-projected size; ceiling: the same for all voxels of the grid that lie in every true mask; ghosts:
-share of the cloud's voxels that are none of those, nor neighbours of one; volume: iou of the voxels
-within the cloud's surface with those that lie in every true mask, of those that all cameras with a
-true mask see.
-"""
+the true masks were the silhouettes."""
 
 from __future__ import annotations
 
@@ -22,14 +15,23 @@ from psfs.common.numbers import mean_known
 from psfs.common.regions import iou
 from psfs.voxels.grid import VoxelCloud, VoxelGrid
 
+DEFINITION = (
+    "iou: of the true masks with the cloud, whose surface voxels are drawn as discs of half their "
+    "projected size; ceiling: the same for all voxels of the grid that lie in every true mask; "
+    "ghosts: share of the cloud's voxels that are none of those, nor neighbours of one; volume: "
+    "iou of the voxels within the cloud's surface with those that lie in every true mask, of those "
+    "that all cameras with a true mask see"
+)
+
+
 #: The scores of a cloud.
 NAMES = ("iou", "ceiling", "ghosts", "volume")
 
 
 @dataclass(frozen=True)
 class CloudScore:
-    """The scores of a frame's cloud, means over the cameras with a true mask, as the module says.
-    NaN where there is nothing to compare."""
+    """The scores of a frame's cloud, means over the cameras with a true mask, as `DEFINITION`
+    says. NaN where there is nothing to compare."""
 
     iou: float
     ceiling: float

@@ -1,18 +1,13 @@
 """The scores of clouds whose faults are known."""
 
-import sys
-
 import numpy as np
 import pytest
 from helpers import scenes
-from helpers.shared import ROOT
 from scipy import ndimage
 
+from psfs.diagnostics.cloud_scores import mean_scores, score_cloud
 from psfs.reference.surface import surface_voxels
 from psfs.voxels.grid import VoxelCloud
-
-sys.path.insert(0, str(ROOT / "scripts"))
-from accuracy.cloud_scores import mean_scores, score_cloud
 
 RIG, GRID = scenes.ring(), scenes.small_grid()
 MASKS = [mask > 0 for mask in scenes.masks_of(RIG)]
