@@ -45,13 +45,15 @@ _FIT_STEPS = 8
 
 @dataclass(frozen=True, eq=False)
 class Hypothesis:
-    """Scales (S,) of a body and its poses (M, D) in some frames, the mean misfit of these, and the
-    cost by which hypotheses are compared; lower is better."""
+    """Scales (S,) of a body and its poses (M, D) in some frames, the mean misfit of these, the
+    cost by which hypotheses are compared, lower is better, and the number of the pose that fits
+    best."""
 
     shape: np.ndarray
     poses: np.ndarray
     misfit: float
     cost: float
+    best: int
 
 
 def find_start(
@@ -87,7 +89,7 @@ def find_start(
     search.progress = progress or (lambda: None)
     anchor, likely = search.try_headings(config)
     fits = sorted(search.follow(likely, anchor), key=lambda fit: fit.cost)
-    (best,) = search.follow(fits[:1], search.best_frame)
+    (best,) = search.follow(fits[:1], fits[0].best)
     rivals = select_distinct(scene.body, fits, np.pi / config.n_headings)[1:]
     best = min(best, fits[0], key=lambda fit: fit.cost)
     if best.misfit > _HOPELESS:
@@ -138,10 +140,7 @@ def _select_observations(
 
 
 class _Search:
-    """Searches of the frames of a start for a person of unknown size and pose.
-
-    best_frame: the one that the last body that was followed fits best.
-    """
+    """Searches of the frames of a start for a person of unknown size and pose."""
 
     config: FilterConfig
     progress: Callable[[], object]
@@ -159,7 +158,6 @@ class _Search:
         self._free = np.full(len(self.model.deviation), not keep_shape)
         self._way = (np.median(clouds[-1].points, 0) - np.median(clouds[0].points, 0))[:2]
         self._trackers = Trackers(scene)
-        self.best_frame = 0
 
     def try_headings(self, config: StartConfig) -> tuple[int, list[Hypothesis]]:
         """Return the frame in which the search over all headings fits best, and its best hypotheses
@@ -230,7 +228,6 @@ class _Search:
                 tracker.start(pose)
                 again.append(tracker.step(voxels))
                 self.progress()
-            self.best_frame = int(np.argmin([of.least_error[-1] for of in again]))
             found.append(self._judge(fitted.shape, again))
         return found
 
@@ -249,10 +246,11 @@ class _Search:
     def _judge(self, shape: np.ndarray, estimates: Sequence[Estimate]) -> Hypothesis:
         """Return the hypothesis of these estimates."""
         poses = np.stack([estimate.pose for estimate in estimates])
-        error = float(np.mean([estimate.least_error[-1] for estimate in estimates]))
+        errors = [estimate.least_error[-1] for estimate in estimates]
         misfit = float(np.mean([estimate.misfit for estimate in estimates]))
-        cost = error * misfit**_MISFIT_POWER * walking_factor(self.body, poses, self._way)
-        return Hypothesis(shape, poses, misfit, cost)
+        factor = misfit**_MISFIT_POWER * walking_factor(self.body, poses, self._way)
+        cost = float(np.mean(errors)) * factor
+        return Hypothesis(shape, poses, misfit, cost, int(np.argmin(errors)))
 
     @property
     def body(self) -> BodyModel:

@@ -13,6 +13,7 @@ from apf.body.model import BodyModel
 from apf.body.stature import lowest_point, stature
 from apf.body.toml import load_body
 from apf.filters.config import FilterConfig
+from apf.initialisation import automatic
 from apf.initialisation.automatic import (
     Hypothesis,
     Trackers,
@@ -130,11 +131,31 @@ def test_hypotheses_that_go_on_look_in_different_directions() -> None:
     def looking(degrees: float, badly: float) -> Hypothesis:
         pose = SONG.rest_pose.copy()
         pose[SONG.dof_names.index("pelvis.rz")] = np.radians(degrees)
-        return Hypothesis(np.zeros(1), pose[None], 0.1, badly)
+        return Hypothesis(np.zeros(1), pose[None], 0.1, badly, 0)
 
     every = [looking(a, b) for a, b in ((0, 3), (20, 1), (190, 4), (150, 2), (250, 5))]
     assert [h.cost for h in select_distinct(SONG, every, 0.8)] == [1, 2, 5]
     np.testing.assert_allclose(forward(SONG, looking(90, 0).poses[0]), [0, 1], atol=1e-12)
+
+
+def test_the_best_heading_is_followed_from_the_frame_that_it_fits_best(
+    device: Device, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shape, pose = np.zeros(len(ShapeModel(SONG).deviation)), SONG.rest_pose[None]
+    fits = [Hypothesis(shape, pose, 0.1, cost, best) for cost, best in ((1.0, 3), (2.0, 5))]
+    anchors = list[int]()
+
+    def follow(self: object, hypotheses: list[Hypothesis], anchor: int) -> list[Hypothesis]:
+        anchors.append(anchor)
+        return hypotheses
+
+    cloud = Cloud(surface(SONG, SONG.rest_pose))
+    monkeypatch.setattr(automatic, "_select_observations", lambda *of: ([], [cloud]))
+    monkeypatch.setattr(automatic._Search, "try_headings", lambda *of: (7, fits))
+    monkeypatch.setattr(automatic._Search, "follow", follow)
+    grid = VoxelGrid.covering(np.zeros(3), np.ones(3), 0.1)
+    find_start(Scene(device, ring(3), grid, SONG), [], 1.0)
+    assert anchors == [7, 3]
 
 
 def test_people_look_where_they_go() -> None:
