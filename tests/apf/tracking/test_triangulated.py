@@ -173,7 +173,7 @@ def test_several_people_are_triangulated_apart(
     assert command(folder, tmp_path / "out", *flags) == 0
     assert "person2: " in capsys.readouterr().out
     people = apf.PeopleTracks.open(tmp_path / "out")
-    assert people.counts.tolist() == [2] * 20
+    assert people.counts.tolist() == [2] * 30
     true = [world_points(BODY, poses, people[0].joint_names)[5:35] for poses in (POSES, MOVED)]
     for track in people:
         errors = [np.nanmax(np.linalg.norm(track.joints - joints, axis=-1)) for joints in true]
