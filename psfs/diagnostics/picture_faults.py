@@ -144,11 +144,11 @@ def _measure_motion(evidence: Evidence, view: int, hang: slice) -> float:
     if not all(end.any() for end in ends):
         return 0.0
     moves = [(a ^ b).sum() / (a | b).sum() for a, b in combinations(ends, 2)]
-    shown = [
+    seen_shares = [
         (hull & (agreement.masks[k, view] > 0)).sum() / hull.sum()
         for k, hull in enumerate(expected) if not within[k] and hull.any()
     ]  # fmt: skip
-    return float(max(moves) * (np.mean(shown) if shown else 1.0))
+    return float(max(moves) * (np.mean(seen_shares) if seen_shares else 1.0))
 
 
 def find_wrong_background(evidence: Evidence) -> Iterator[Fault]:
