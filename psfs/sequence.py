@@ -413,7 +413,7 @@ class Sequence:
                 decoders.clear()  # a decoder in use must not be closed
                 raise InputError(
                     f"{media.where}: frame {index} was not decoded within {_TIMEOUT_S:g} s; "
-                    f"expected a file that can be read"
+                    "expected a file that can be read"
                 )
         return [call.get() for call in calls]
 

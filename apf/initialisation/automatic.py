@@ -219,7 +219,7 @@ class _Search:
 
         with one_blas_thread():  # which all threads share
             fits = list(map_in_threads(fit, tracked))
-        found = list[Hypothesis]()
+        refitted = list[Hypothesis]()
         for fitted, (_, poses) in zip(fits, tracked, strict=True):
             tracker = self._trackers(self.model.body(fitted.shape), self.config)
             poses[some] = fitted.poses
@@ -228,8 +228,8 @@ class _Search:
                 tracker.start(pose)
                 again.append(tracker.step(voxels))
                 self.progress()
-            found.append(self._judge(fitted.shape, again))
-        return found
+            refitted.append(self._judge(fitted.shape, again))
+        return refitted
 
     def _track_both_ways(self, found: Hypothesis, anchor: int) -> list[Estimate]:
         """Return the estimates of all frames."""

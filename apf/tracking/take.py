@@ -231,13 +231,13 @@ def choose_headings(
     for number, starts in candidates.items():
         errors, joints = list[float](), list[np.ndarray]()
         for _ in starts:
-            found = next(tracked, None)
-            if found is not None and found.error is not None:
-                raise found.error
-            if found is None or found.tracks[0].interrupted:
+            result = next(tracked, None)
+            if result is not None and result.error is not None:
+                raise result.error
+            if result is None or result.tracks[0].interrupted:
                 raise KeyboardInterrupt
-            errors.append(float(-np.mean(found.tracks[0].diagnostics["best_log_weight"])))
-            joints.append(found.tracks[0].joints)
+            errors.append(float(-np.mean(result.tracks[0].diagnostics["best_log_weight"])))
+            joints.append(result.tracks[0].joints)
         least = int(np.argmin(errors))
         apart = np.linalg.norm(np.stack(joints) - joints[least], axis=-1).mean((1, 2)) > SAME_PLACE
         rival = float(np.min(np.array(errors)[apart], initial=np.inf)) / errors[least]

@@ -129,9 +129,9 @@ def _judge(
     """Return the pixels (V, H, W) bool that confirm, in a frame, what the other cameras see in the
     voxels of a space, and those that deny it, None without any. margin: as of `find_hidden_in_box`.
     agreeing: least number of cameras with unexplained foreground. denying: greatest number of those
-    that deny a place. hidden: (V, H, W) bool, pixels
-    known to be hidden already, which deny nothing. frame: its evidence maps, and the number of
-    cameras that show foreground in each voxel."""
+    that deny a place. hidden: (V, H, W) bool, pixels known to be hidden already, which deny
+    nothing. frame: its evidence maps, and the number of cameras that show foreground in each
+    voxel."""
     evidence, seeing = frame
     shown = evidence > 0
     if hidden is not None:

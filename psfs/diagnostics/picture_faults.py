@@ -130,9 +130,9 @@ def find_repeated(evidence: Evidence) -> Iterator[Fault]:
 
 def _measure_motion(evidence: Evidence, view: int, hang: slice) -> float:
     """Return the share of the hull of the other cameras that changes in a camera's picture
-    during a stretch of frames, as far as it shows that hull in the others: furniture may stand
-    before it. The least of the stretch's halves counts, since somebody who passes once tells
-    little."""
+    during a stretch of frames: the least of its halves, since somebody who passes once tells
+    little. It is multiplied by the share of that hull that the camera shows in all other frames:
+    furniture may stand before it."""
     agreement = evidence.agreement
     numbers = evidence.views.samples[agreement.samples] - evidence.views.frames.start
     within = (numbers >= hang.start) & (numbers < hang.stop)

@@ -159,11 +159,8 @@ def _draw_row(camera: Camera, view: int, result: Silhouettes) -> list[np.ndarray
         "silhouette": _grey(mask),
     }
     if truth is not None:
-        known = (
-            "true mask empty"
-            if np.isnan(result.scores[view, 0])
-            else (f"IoU {result.scores[view, 0]:.3f}")
-        )
+        score = result.scores[view, 0]
+        known = "true mask empty" if np.isnan(score) else f"IoU {score:.3f}"
         panels[f"{known}: missed red, too much green"] = draw_differences(
             picture, mask, truth[crop]
         )

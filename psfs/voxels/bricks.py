@@ -35,9 +35,9 @@ class Bricks:
 
     evidence: (V, H, W) int8 in counts of `step` nats. It is dilated by `OccupancyConfig.reach_px`,
     so that limbs thinner than that are not carved away (kernel: blur.cl; twin:
-    `psfs.reference.surface.blur`). body: a tracked body by
-    `psfs.voxels.body_prior.pack_body`, if there is one. A call enqueues the computation of the
-    tiles: least and greatest evidence count of each.
+    `psfs.reference.surface.blur`). body: a tracked body by `psfs.voxels.body_prior.pack_body`, if
+    there is one. A call enqueues the computation of the tiles: least and greatest evidence count of
+    each.
     """
 
     def __init__(
