@@ -113,7 +113,7 @@ def paint(
     3) uint8, of each frame."""
     vertices, _ = surface.bind(body).posed(body, poses)
     seen = [
-        colours[scipy.spatial.cKDTree(points).query(posed)[1]]
+        colours[scipy.spatial.cKDTree(points).query(posed, workers=-1)[1]]
         for posed, (points, colours) in zip(vertices, clouds, strict=True)
     ]
     return np.median(seen, axis=0).astype(np.uint8)

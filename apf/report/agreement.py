@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections import defaultdict
 from collections.abc import Callable
 from collections.abc import Sequence as Items
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
@@ -24,9 +24,10 @@ from psfs.cameras.config import TriangulationConfig
 from psfs.cameras.footprints import voxel_footprints
 from psfs.cameras.triangulation import reprojection_errors, undistort_points
 from psfs.common.cones import cone_distances
+from psfs.common.progress import map_in_threads
 from psfs.common.regions import iou
 from psfs.diagnostics.reprojection_iou import volume_region, whole_silhouettes
-from psfs.session import Session
+from psfs.session import CarvedFrame, Session
 from psfs.voxels.grid import VoxelCloud, VoxelGrid
 from psfs.voxels.host_voxels import voxel_silhouette
 
@@ -106,27 +107,33 @@ def compare_with_silhouettes(
     parts, drawn = find_parts(body), [i for i, cone in enumerate(body.cones) if cone.in_images]
     region, extents = volume_region(rig, grid), voxel_footprints(rig, grid.voxel_size)
     cones = posed_cones(body, track.poses[rows])
-    found = defaultdict[str, list[object]](list)
-    clouds = []
     indices = check_indices(session.sequence, track.frames[rows])
-    for number, frame in enumerate(session.iterate_carved(grid, indices)):
+
+    def compare(pair: tuple[np.ndarray, CarvedFrame]) -> tuple[Any, ...]:
+        posed, frame = pair
         shown, cloud = whole_silhouettes(frame.silhouettes, region), frame.cloud
         drawings, views = zip(*[
-            _score_cones(camera, cones[number], drawn, silhouette, known)
+            _score_cones(camera, posed, drawn, silhouette, known)
             for camera, silhouette, known in zip(rig, shown, frame.known, strict=True)
         ], strict=True)  # fmt: skip
         scores, centres = np.array(views), cloud.centres
-        found["body_iou"].append(scores[:, 0])
-        found["inside"].append(_worst_scores(scores[:, 1:], drawn, parts))
-        found["explained"].append(
-            measure_explained(rig, centres, cones[number], drawings, frame.known)
+        return (
+            scores[:, 0],
+            _voxel_iou(rig, extents, centres, shown, frame.known),
+            _worst_scores(scores[:, 1:], drawn, parts),
+            measure_explained(rig, centres, posed, drawings, frame.known),
+            cloud,
         )
-        found["voxel_iou"].append(_voxel_iou(rig, extents, centres, shown, frame.known))
-        clouds.append(cloud)
+
+    carved = zip(cones, session.iterate_carved(grid, indices), strict=True)
+    compared = list[tuple[Any, ...]]()
+    for found in map_in_threads(compare, carved):
+        compared.append(found)
         if progress is not None:
             progress()
-    figures = {name: np.array(values) for name, values in found.items()}
-    return Agreement(rows, tuple(rig.names), clouds=tuple(clouds), **figures)
+    *figures, clouds = zip(*compared, strict=True)
+    body_iou, voxel_iou, inside, explained = map(np.array, figures)
+    return Agreement(rows, tuple(rig.names), body_iou, voxel_iou, inside, explained, clouds)
 
 
 def _voxel_iou(
@@ -159,22 +166,25 @@ def _score_cones(
     silhouette (H, W) bool, and for each `drawn` cone its share in the silhouette; NaN if too little
     of it is visible.
     """
-    corners = project_outlines(camera, cones)
-    whole = np.zeros(silhouette.shape, np.uint8)
+    corners = np.rint(project_outlines(camera, cones))
+    visible = np.flatnonzero(np.isfinite(corners).all((1, 2)))
+    corners = corners[visible].astype(np.int32)
+    low, high = np.clip([corners.min(1), corners.max(1) + 1], 0, camera.size).astype(np.int32)
+    whole = np.zeros(silhouette.shape, bool)
     scores = np.full(1 + len(cones), np.nan)
-    for number, quad in enumerate(corners):
-        if not np.isfinite(quad).all():
+    for cone, quad, first, end in zip(visible, corners, low, high, strict=True):
+        box = np.s_[first[1] : end[1], first[0] : end[0]]
+        shape = np.zeros(end[::-1] - first[::-1], np.uint8)
+        if not shape.size:
             continue
-        shape = np.zeros_like(whole)
-        cv2.fillConvexPoly(shape, cv2.convexHull(np.rint(quad).astype(np.int32)), 1)
-        shape[camera.size[1] :], shape[:, camera.size[0] :] = 0, 0
-        shape[~known] = 0
-        pixels = np.count_nonzero(shape)
+        cv2.fillConvexPoly(shape, cv2.convexHull(quad) - first, 1)
+        inside = shape.view(bool) & known[box]
+        pixels = np.count_nonzero(inside)
         if pixels >= _LEAST_PIXELS:
-            scores[1 + number] = np.count_nonzero(shape & silhouette) / pixels
-        whole |= shape
-    scores[0] = iou(whole > 0, silhouette)
-    return whole > 0, scores[[0, *(1 + cone for cone in drawn)]]
+            scores[1 + cone] = np.count_nonzero(inside & silhouette[box]) / pixels
+        whole[box] |= inside
+    scores[0] = iou(whole, silhouette)
+    return whole, scores[[0, *(1 + cone for cone in drawn)]]
 
 
 def _worst_scores(shares: np.ndarray, drawn: Items[int], parts: tuple[Part, ...]) -> np.ndarray:

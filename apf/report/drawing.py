@@ -8,6 +8,7 @@ import math
 from collections.abc import Callable, Iterable
 from collections.abc import Sequence as Items
 from dataclasses import replace
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -21,8 +22,9 @@ from apf.body.model import BodyModel, find_side
 from apf.tracking.people import PeopleTracks, person_folder
 from apf.tracking.track import Track
 from cl import InputError
-from psfs.cameras.camera import Camera, CameraRig
+from psfs.cameras.camera import MOST_CAMERAS, Camera, CameraRig
 from psfs.common.pictures import scale_picture
+from psfs.common.progress import map_in_threads
 from psfs.output.preview import crop_view, label_picture
 from psfs.output.video import write_video
 from psfs.sequence import Frame, Sequence
@@ -69,6 +71,7 @@ class Figure:
         self.rows = {int(track.frames[row]): int(row) for row in np.flatnonzero(there)}
         ends = (track.joint_names[end] for _, end in track.edges)
         self._edge_colours = self._pick_colours(ends)
+        self._cones = None if body is None else posed_cones(body, track.poses)
         self._cone_colours = self._pick_colours(body.cone_names if body is not None else ())
         self._lost = track.lost  # computed at each call
         self._lost_cones = np.repeat(self._lost[:, None], len(self._cone_colours), axis=1)
@@ -96,10 +99,9 @@ class Figure:
         """Draw the body in a row of the track over `image` (h, w, 3) uint8 BGR as `camera` sees it;
         nothing of what lies behind the camera."""
         joints, thickness = self.track.joints[row], max(1, round(min(camera.size) / 320))
-        if len(self._cone_colours):
-            cones = posed_cones(self.track.its_body, self.track.poses[[row]])[0]
+        if self._cones is not None and len(self._cone_colours):
             colours = self.colour_cones(row)[:, ::-1].tolist()
-            _draw_cones(image, camera, cones, colours, thickness)
+            _draw_cones(image, camera, self._cones[row], colours, thickness)
         colour = _JOINT if self.colour is None else self.colour[::-1]
         _draw_skeleton(image, *camera.project(joints), self.track.edges, thickness, colour)
 
@@ -168,9 +170,8 @@ def draw_mosaic(
     lost = [f"   {one.name} LOST" for one, row in shown if one.is_lost(row)]
     note = ("   LOST" if lost else "") if len(figures) == 1 else "".join(lost)
     for tile, view in enumerate(chosen):
-        left, top = corners[view]
-        K = rig[view].K - np.array([[0, 0, left], [0, 0, top], [0, 0, 0]])
-        camera = replace(rig[view], K=K, hidden=None).scaled(scale)
+        left, top = corners[view].tolist()
+        camera = _crop_camera(rig[view], left, top, scale)
         part = crop_view(frame, view, rig[view])[top : top + high, left : left + wide]
         picture = scale_picture(part, scale)[:height, :width]
         picture = np.ascontiguousarray(picture).copy()
@@ -182,6 +183,13 @@ def draw_mosaic(
         y, x = height * (tile // columns), width * (tile % columns)
         mosaic[y : y + len(picture), x : x + picture.shape[1]] = picture
     return mosaic
+
+
+@lru_cache(MOST_CAMERAS)
+def _crop_camera(camera: Camera, left: int, top: int, scale: float) -> Camera:
+    """Return the camera of a scaled part of the pictures, which begins at a pixel."""
+    K = camera.K - np.array([[0, 0, left], [0, 0, top], [0, 0, 0]])
+    return replace(camera, K=K, hidden=None).scaled(scale)
 
 
 def find_window(rig: CameraRig, figures: Items[Figure]) -> tuple[np.ndarray, np.ndarray]:
@@ -218,9 +226,11 @@ def write_overlay(
     steps = np.diff(frames)
     step = max(1.0, float(np.median(steps)) if steps.size else 1.0)
     window = find_window(sequence.rig, figures)
+    shown = sequence.select_frames(check_indices(sequence, frames))
+    draw = partial(draw_mosaic, rig=sequence.rig, figures=figures, window=window)
     with write_video(path, max(1.0, everybody[0].fps / step)) as video:
-        for frame in sequence.select_frames(check_indices(sequence, frames)):
-            video.write(draw_mosaic(frame, sequence.rig, figures, window=window))
+        for mosaic in map_in_threads(draw, shown):
+            video.write(mosaic)
             if progress is not None:
                 progress()
 

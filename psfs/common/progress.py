@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
 from functools import cache
 from typing import Any, TypeVar
 
@@ -33,16 +34,23 @@ def one_blas_thread() -> Any:
 
 
 def map_in_threads(
-    function: Callable[[Item], Result], items: Sequence[Item], most: int = 8
+    function: Callable[[Item], Result], items: Iterable[Item], most: int = 8
 ) -> Iterator[Result]:
-    """Yield the results of a function for all items, in their order, from up to `most` threads.
+    """Yield the results of a function for all items, in their order, from up to `most` threads,
+    which work at most that many items ahead.
 
     Pays where the function leaves Python's lock, as NumPy and OpenCV do on large arrays. After an
     error or an interrupt no further call begins; those that have begun are not waited for.
     """
-    pool = ThreadPoolExecutor(min(most, os.cpu_count() or 1, max(1, len(items))))
+    n_threads = min(most, os.cpu_count() or 1)
+    pool, begun = ThreadPoolExecutor(n_threads), deque[Future[Result]]()
     try:
-        yield from pool.map(function, items)
+        for item in items:
+            begun.append(pool.submit(function, item))
+            if len(begun) > 2 * n_threads:
+                yield begun.popleft().result()
+        while begun:
+            yield begun.popleft().result()
         pool.shutdown()
     finally:
         pool.shutdown(wait=False, cancel_futures=True)

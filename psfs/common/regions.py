@@ -9,8 +9,8 @@ import scipy
 
 def iou(a: np.ndarray, b: np.ndarray) -> float:
     """Return the intersection over union of two bool arrays of one shape; NaN if both are empty."""
-    union = (a | b).sum()
-    return float((a & b).sum() / union) if union else float("nan")
+    union = np.count_nonzero(a | b)
+    return np.count_nonzero(a & b) / union if union else float("nan")
 
 
 def keep_large_regions(occupied: np.ndarray, share: float) -> np.ndarray:

@@ -10,7 +10,7 @@ import numpy as np
 
 from psfs.cameras.camera import BLOCK, Camera, CameraRig
 from psfs.cameras.footprints import voxel_footprints
-from psfs.common.regions import iou, keep_large_regions
+from psfs.common.regions import bounding_box, iou, keep_large_regions
 from psfs.diagnostics.config import SPECKLE_SHARE
 from psfs.sequence import Frame
 from psfs.session import Session
@@ -72,18 +72,17 @@ def whole_silhouette(silhouette: np.ndarray, region: np.ndarray) -> np.ndarray:
     Parts of which a share of at least `_MOSTLY` lies within `region` count whole, others only
     within it. Speckle is removed.
     """
-    smooth = cv2.medianBlur(silhouette.astype(np.uint8), 5)
-    left, top, width, height = cv2.boundingRect(smooth)
-    box = np.s_[top : top + height, left : left + width]
+    rows, columns = bounding_box(silhouette) or (slice(0, 1), slice(0, 1))
+    top, left = max(0, rows.start - 2), max(0, columns.start - 2)
+    box = np.s_[top : rows.stop + 2, left : columns.stop + 2]  # with the rim that the filter sees
     inside, whole = region[box], np.zeros(silhouette.shape, bool)
-    if not inside.size:
-        return whole
-    count, labels = cv2.connectedComponents(smooth[box], connectivity=8)
+    smooth = cv2.medianBlur(silhouette[box].view(np.uint8), 5)
+    count, labels = cv2.connectedComponents(smooth, connectivity=8)
     areas = np.bincount(labels.ravel(), minlength=count)
     within = np.bincount(labels[inside], minlength=count)
     mostly = within >= _MOSTLY * np.maximum(areas, 1)
     mostly[0] = False
-    kept_pixels = (smooth[box] > 0) & (inside | mostly[labels])
+    kept_pixels = (smooth > 0) & (inside | mostly[labels])
     whole[box] = keep_large_regions(kept_pixels, SPECKLE_SHARE)
     return whole
 
