@@ -12,6 +12,7 @@ import zlib
 from collections import OrderedDict
 from collections.abc import Callable, Collection, Hashable, Iterable, Iterator
 from collections.abc import Sequence as Items
+from concurrent.futures import Future, ThreadPoolExecutor
 from copy import copy
 from dataclasses import dataclass, field, replace
 from typing import Any, Protocol, TypeVar, cast
@@ -238,20 +239,24 @@ class Session:
 
 
 class _CarvedFrames:
-    """Carved frames with silhouettes stored as compressed bits. If they exceed `KEPT_BYTES`, all
-    are dropped and no more are kept."""
+    """Carved frames with silhouettes stored as compressed bits, by a thread. If they exceed
+    `KEPT_BYTES`, all are dropped and no more are kept."""
 
     def __init__(self, wanted: frozenset[int]) -> None:
         self._wanted, self._n_bytes = wanted, 0
+        self._pool, self._last = ThreadPoolExecutor(1), Future[None]()
+        self._last.set_result(None)
         self._shape: tuple[int, ...] = ()
         self._frames: dict[int, tuple[bytes, bytes, VoxelCloud]] = {}
 
     def add(self, index: int, voxels: Voxels | HostVoxels, colour: bool) -> None:
         counts = voxels.download_evidence() if index in self._wanted else None
-        if counts is None:
-            return
+        if counts is not None:
+            cloud = voxels.cloud(colour=colour)
+            self._last = self._pool.submit(self._store, index, counts, cloud)
+
+    def _store(self, index: int, counts: np.ndarray, cloud: VoxelCloud) -> None:
         shown, known = _compress(counts > 0), _compress(counts != UNKNOWN)
-        cloud = voxels.cloud(colour=colour)
         self._shape = counts.shape
         self._frames[index] = shown, known, cloud
         self._n_bytes += len(shown) + len(known) + cloud.nbytes
@@ -261,6 +266,7 @@ class _CarvedFrames:
 
     def holds(self, grid: VoxelGrid, indices: Items[int]) -> bool:
         """Return whether all frames of `indices` are kept, carved in `grid`."""
+        self._last.result()
         frames = self._frames
         return all(i in frames and frames[i][-1].grid.equals(grid) for i in indices)
 

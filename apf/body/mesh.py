@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -76,8 +77,9 @@ class BodyMesh:
         owners = [part for part, _, _ in corners]
         return np.array(lines, np.int32), np.array(owners, np.int32)
 
+    @cached_property
     def middles(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return for each part the point at which its depth is taken.
+        """For each part the point at which its depth is taken.
 
         That is the mean of the vertices that the part's main bone moves most: bones (P,), and
         points (P, 3) m in their frames.
@@ -100,7 +102,7 @@ class BodyMesh:
         by_bone = origins[:, self.bones] + np.einsum(
             "nmkab,mkb->nmka", rotations[:, self.bones], self.positions
         )
-        bones, points = self.middles()
+        bones, points = self.middles
         middles = origins[:, bones] + np.einsum("npab,pb->npa", rotations[:, bones], points)
         return np.einsum("mk,nmka->nma", self.weights, by_bone), middles
 

@@ -13,7 +13,9 @@ from apf.body.kinematics import bone_matrices, posed_cones
 from apf.body.mesh import BodyMesh, skinned_mesh
 from apf.body.model import BodyModel
 from cl import InputError
+from psfs.background.gaussian import stack_median
 from psfs.common.cones import cone_distances
+from psfs.common.progress import map_in_threads
 
 #: Distance, m, over which the surface's errors are alike and one bone takes over from another;
 #: smaller shares than LEAST are none.
@@ -111,12 +113,15 @@ def paint(
     """Return the colours (M, 3) uint8 of a surface: for each vertex the median, over some frames,
     of the nearest coloured points. poses: (N, D). clouds: points (K, 3), m, and their colours (K,
     3) uint8, of each frame."""
-    vertices, _ = surface.bind(body).posed(body, poses)
-    seen = [
-        colours[scipy.spatial.cKDTree(points).query(posed, workers=-1)[1]]
-        for posed, (points, colours) in zip(vertices, clouds, strict=True)
-    ]
-    return np.median(seen, axis=0).astype(np.uint8)
+    mesh = surface.bind(body)
+
+    def look(shown: tuple[np.ndarray, tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
+        pose, (points, colours) = shown
+        vertices = mesh.posed(body, pose[None])[0][0]
+        return np.asarray(colours[scipy.spatial.cKDTree(points).query(vertices)[1]])
+
+    seen = np.stack(list(map_in_threads(look, zip(poses, clouds, strict=True))))
+    return stack_median(seen).astype(np.uint8)
 
 
 def normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:

@@ -228,7 +228,7 @@ def with_frames(body: BodyModel) -> BodyModel:
 def packed_binds(mesh: BodyMesh) -> tuple[np.ndarray, np.ndarray]:
     """Pack the skinning data of M vertices and then of P part centres: (M + P, K, 4) float32
     positions and weights, and (M + P, K) int32 bones."""
-    middle_bones, middles = mesh.middles()
+    middle_bones, middles = mesh.middles
     n_binds = mesh.bones.shape[1]
     binds = np.zeros((mesh.n_vertices + mesh.n_parts, n_binds, 4), np.float32)
     bones = np.zeros((len(binds), n_binds), np.int32)
