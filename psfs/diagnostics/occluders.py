@@ -10,6 +10,7 @@ clean footage has no hidden pixels.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import partial, reduce
 
 import cv2
@@ -30,13 +31,6 @@ from psfs.voxels.occupied_box import CoarseSpace, finest_pixel, look_up
 
 #: Examined frames, spread over the sequence.
 _SAMPLES = 64
-#: Number of cameras that show unexplained foreground, greatest number that are hidden from the same
-#: place, and least share of the frames in which a pixel contradicts the other cameras among those
-#: in which it shows the person or contradicts; the strongest evidence first, since what it explains
-#: is not left for the next: two cameras find specks in clean footage, but not where the person
-#: hardly ever appears.
-_SEARCHES = ((3, 1, 0.1), (3, 2, 0.1), (2, 2, 0.9))
-_FEWEST = min(agreeing for agreeing, _, _ in _SEARCHES)
 #: Least number of frames in which a pixel must contradict the other cameras.
 _LEAST_FRAMES = 2
 #: Width of the holes that are filled, px; number of pixels below which a region is noise.
@@ -45,9 +39,23 @@ _GAP, _SPECK = 13, 300
 _MARGIN = 3
 #: Greatest number of voxels of the grid around the person.
 _VOXELS = 600_000
-#: Share of its size by which the box of the visible person is enlarged: hands may be hidden in all
-#: frames.
-_ENLARGED = 0.15
+
+
+@dataclass(frozen=True)
+class _Search:
+    """A search for hidden pixels. agreeing: least number of cameras that show unexplained
+    foreground. denying: greatest number of those that are hidden from the same place. least_share:
+    of the frames in which a pixel contradicts the other cameras among those in which it shows the
+    person or contradicts."""
+
+    agreeing: int
+    denying: int
+    least_share: float
+
+
+#: The strongest evidence first, since what it explains is not left for the next: two cameras find
+#: specks in clean footage, but not where the person hardly ever appears.
+_SEARCHES = (_Search(3, 1, 0.1), _Search(3, 2, 0.1), _Search(2, 2, 0.9))
 
 
 def find_hidden_pixels(session: Session) -> np.ndarray | None:
@@ -56,7 +64,7 @@ def find_hidden_pixels(session: Session) -> np.ndarray | None:
     None if there are none, or too few cameras to decide.
     """
     rig, sequence = session.rig, session.sequence
-    if len(rig) <= max(agreeing for agreeing, _, _ in _SEARCHES):
+    if len(rig) <= max(search.agreeing for search in _SEARCHES):
         return None
     shrink = Shrink(rig, rig.factor_within(LARGE_SIDE))
     background = shrink.background(session.background)
@@ -71,11 +79,7 @@ def find_hidden_pixels(session: Session) -> np.ndarray | None:
         volume = find_volume(session.with_frames(range(len(sequence))))
     except InputError:  # which the stages that need a volume report
         return None
-    low, high = volume.low, volume.high
-    if sequence.volume is None:
-        margin = _ENLARGED * (high - low)
-        low, high = low - margin, high + margin
-    small = find_hidden_in_box(shrink.small, evidence, low, high)
+    small = find_hidden_in_box(shrink.small, evidence, volume.low, volume.high)
     if small is None:
         return None
     return np.stack([_enlarge(own, (rig.width, rig.height)) for own in small])
@@ -99,18 +103,19 @@ def find_hidden_in_box(
     edge = max(edge, finest_pixel(rig, VoxelGrid.covering(low, high, edge)))
     grid = VoxelGrid.covering(low, high, edge)
     space = CoarseSpace(rig, grid, OccupancyConfig().seeing_cameras(len(rig)))
-    space.keep(_count(reduce(np.maximum, evidence) > 0, space.pixels) >= _FEWEST)
+    fewest = min(search.agreeing for search in _SEARCHES)
+    space.keep(_count(reduce(np.maximum, evidence) > 0, space.pixels) >= fewest)
     hidden = np.zeros_like(evidence[0], bool)
     seeing = map_in_threads(lambda maps: _count(maps > 0, space.pixels), evidence)
     frames = list(zip(evidence, seeing, strict=True))
-    for agreeing, denying, least_share in _SEARCHES:
+    for search in _SEARCHES:
         denied, confirmed = np.zeros((2, *hidden.shape), np.uint8)
-        judge = partial(_judge, space, margin, agreeing, denying, hidden if hidden.any() else None)
+        judge = partial(_judge, space, margin, search, hidden if hidden.any() else None)
         for confirms, denies in map_in_threads(judge, frames):
             confirmed += _bytes(confirms)
             if denies is not None:
                 denied += _bytes(denies)
-        enough = denied >= np.maximum(_LEAST_FRAMES, least_share * (denied + confirmed))
+        enough = denied >= np.maximum(_LEAST_FRAMES, search.least_share * (denied + confirmed))
         enough &= confirmed.any((1, 2))[:, None, None]  # else the camera shows nobody
         square = np.ones((_GAP, _GAP), np.uint8)
         closed = [cv2.morphologyEx(own, cv2.MORPH_CLOSE, square) for own in _bytes(enough)]
@@ -121,22 +126,19 @@ def find_hidden_in_box(
 def _judge(
     space: CoarseSpace,
     margin: int,
-    agreeing: int,
-    denying: int,
+    search: _Search,
     hidden: np.ndarray | None,
     frame: tuple[np.ndarray, np.ndarray],
 ) -> tuple[np.ndarray, np.ndarray | None]:
     """Return the pixels (V, H, W) bool that confirm, in a frame, what the other cameras see in the
     voxels of a space, and those that deny it, None without any. margin: as of `find_hidden_in_box`.
-    agreeing: least number of cameras with unexplained foreground. denying: greatest number of those
-    that deny a place. hidden: (V, H, W) bool, pixels known to be hidden already, which deny
-    nothing. frame: its evidence maps, and the number of cameras that show foreground in each
-    voxel."""
+    hidden: (V, H, W) bool, pixels known to be hidden already, which deny nothing. frame: its
+    evidence maps, and the number of cameras that show foreground in each voxel."""
     evidence, seeing = frame
     shown = evidence > 0
     if hidden is not None:
         evidence = np.where(hidden & ~shown, np.int8(0), evidence)
-    rows = np.flatnonzero(seeing >= agreeing)
+    rows = np.flatnonzero(seeing >= search.agreeing)
     pixels = space.pixels[:, rows]
     counts = look_up(evidence, pixels)
     occupied, against = counts.sum(0, dtype=np.int16) > 0, counts < 0
@@ -146,10 +148,10 @@ def _judge(
     rest, square = shown & ~explained, np.ones((3, 3), np.uint8)
     lonely = np.stack([cv2.erode(own, square) for own in _bytes(rest)]) > 0
     denied = None
-    if lonely.any((1, 2)).sum() >= agreeing:
+    if lonely.any((1, 2)).sum() >= search.agreeing:
         denied = np.zeros_like(shown)
         n_against, n_for = against.sum(0), (counts > 0).sum(0)
-        amiss = (_count(lonely, pixels) >= agreeing) & (n_against <= denying)
+        amiss = (_count(lonely, pixels) >= search.agreeing) & (n_against <= search.denying)
         amiss &= ~occupied & (n_for >= n_against)
         for view, own in enumerate(shown):
             denied[view] = space.cover(view, rows[amiss & against[view]]) & ~own
