@@ -28,6 +28,7 @@ PICKLES = {
     "nested shared lists": lambda: pickle.dumps([[{"pose_keypoints_2d": nested(8)}]] * 3),
     "shared frames": lambda: pickle.dumps([[{"pose_keypoints_2d": [1.0] * 75}] * 2000] * 3000),
     "a far store": lambda: b"\x80\x02]r\xff\xff\xff\x3f.",
+    "a long array": lambda: b"\x80\x05\x96" + struct.pack("<Q", 2**33) + b"x.",
     "a long integer": lambda: pickle.dumps([[{"pose_keypoints_2d": [10**4000, 1, 1]}]]),
     "a loop": lambda: b"\x80\x02]q\x00h\x00a.",
 }
@@ -37,10 +38,7 @@ PICKLES = {
 def test_pickles(tmp_path: Path, kind: str) -> None:
     path = tmp_path / "c1_keypoints.pkl"
     path.write_bytes(PICKLES[kind]())
-    found = (
-        r"c1_keypoints\.pkl: " if kind != "a far store" else "no person was found"
-    )  # an empty list
-    with limited_memory(2**30), pytest.raises(InputError, match=found):
+    with limited_memory(2**30), pytest.raises(InputError, match=r"c1_keypoints\.pkl: "):
         read_raw(path)
 
 
