@@ -39,8 +39,8 @@ STICK = bodies.named("stick")
 
 @pytest.mark.parametrize("search", SEARCHES)
 def test_trackers(device: Device, search: str) -> None:
-    world = World(device, STICK, voxel=0.2)
-    method = Method.create(search)
+    world = World(device, voxel=0.1)
+    method = Method.create(search, n_particles=100)
     on_device = make_tracker(world.scene(), method)
     twin = make_tracker(world.scene(NumpyDevice()), method)
     assert type(on_device) is DEVICE[search] and type(twin) is NUMPY[search]
@@ -75,7 +75,7 @@ def test_pictures_of_both_devices_are_the_same_but_for_the_boundary(
     device: Device, shape: str
 ) -> None:
     body, rig = STICK, scenes.ring(2, (161, 123))
-    mesh = cone_mesh(body, 18) if shape == "mesh" else None
+    mesh = cone_mesh(body, 66) if shape == "mesh" else None
     poses = np.stack([body.rest_pose, 0.9 * body.rest_pose])
     drawn, expected = (
         draw_poses(Scene(chosen, rig, None, body), poses, mesh, shape == "round ends")

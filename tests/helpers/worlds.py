@@ -13,7 +13,6 @@ from psfs.cameras.camera import CameraRig
 from psfs.common.cones import cone_distances
 from psfs.reconstructor import Reconstructor
 from psfs.voxels.device_voxels import Voxels
-from psfs.voxels.grid import VoxelGrid
 from psfs.voxels.host_voxels import HostVoxels
 
 SONG = bodies.named("song31")
@@ -25,7 +24,7 @@ class World:
     def __init__(self, device: Device, body: BodyModel = SONG, voxel: float = 0.05) -> None:
         self.device, self.body = device, body
         self.rig: CameraRig = scenes.ring(3)
-        self.grid = _grid(voxel)
+        self.grid = scenes.small_grid(voxel)
         self._voxels: Voxels = Reconstructor(device, self.rig, self.grid, None).voxels
         self._voxels.evidence = None  # the voxels here are carved from no pictures
 
@@ -57,12 +56,8 @@ class World:
         return self._voxels
 
 
-def _grid(voxel: float) -> VoxelGrid:
-    return VoxelGrid.covering(np.array([-0.7, -0.7, -0.1]), np.array([0.7, 0.7, 1.9]), voxel)
-
-
 @lru_cache(maxsize=100)
 def _distances(body: BodyModel, pose: bytes, voxel: float) -> np.ndarray:
     """Return the distances (voxels,), m, of a world's voxels from the surface of a posed body."""
     cones = posed_cones(body, np.frombuffer(pose)[None])[0]
-    return cone_distances(_grid(voxel).centres(), cones).min(1)
+    return cone_distances(scenes.small_grid(voxel).centres(), cones).min(1)

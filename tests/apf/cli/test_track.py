@@ -124,7 +124,7 @@ def test_a_body_of_frusta_and_a_mesh_of_the_person(
     box = trimesh.creation.box((0.3, 0.5, 1.7)).subdivide().subdivide()
     box.vertices[:, 2] += 0.85
     box.export(tmp_path / "box.ply")
-    few = ["--method", "pso", "--objective", "sp", "--frames", "0:2", "--no-overlay", "--no-report"]
+    few = ["--method", "pso", "--objective", "sp", "--body", "song31", *FEW]
     assert track(walk, tmp_path / "mesh", *few, "--shape", f"{tmp_path}/box.ply") == 0
     again = ["--config", str(tmp_path / "mesh" / "settings.toml"), "-o", str(tmp_path / "again")]
     assert main(["track", str(walk), *again, "--shape", "18"]) == 0  # a flag beats the file

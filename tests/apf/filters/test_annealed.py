@@ -108,7 +108,7 @@ def test_streams_give_what_steps_do(device: Device, kind: str) -> None:
         other = other_kind(device)
         # PoCL takes long to compile the refinement for work-groups.
         config = config.with_changes(refinement_steps=0, limb_search_reach=0.0)
-    world = World(other)
+    world = World(other, voxel=0.1)
     expected = list(run(world, config, 4))
     tracker = AnnealedParticleFilter(world.scene(), config)
     for wanted in (4, 2, 4):
@@ -237,7 +237,9 @@ def test_the_other_kind_of_work_groups_finds_the_same(device: Device) -> None:
     """GPUs take a work-group per particle, CPUs an item per pack of them; all devices can both."""
     config = FilterConfig.create(n_particles=64, n_layers=1, n_points=300)
     with skipped_without_room(device):
-        one, two = (list(run(World(place), config, 2)) for place in (device, other_kind(device)))
+        one, two = (
+            list(run(World(place, voxel=0.1), config, 2)) for place in (device, other_kind(device))
+        )
     for a, b in zip(one, two, strict=True):
         # Where a parent flips they go on with other particles.
         close = 0.02 if a is one[0] else 1.0

@@ -82,7 +82,7 @@ def test_the_lost_are_found_by_their_keypoints(device: Device) -> None:
     points[:, 4:7] = np.nan
     gone = replace(keypoints, points=points)
     method = Method.create(objective="keypoints", n_particles=60, n_layers=5)
-    settings = TakeSettings(method=method, keypoints=gone)
+    settings = TakeSettings(method=method, keypoints=gone, template=BODY)
     track = track_take(blind_session(device), settings).tracks[0]
     assert track.lost.tolist() == [False] * 4 + [True] * 3 + [False] * 3
     assert (track.present == ~track.lost).all() and "present" in track.diagnostics
@@ -100,7 +100,7 @@ def test_two_cameras_of_six_move_nobody(device: Device) -> None:
     points[:2, 5] = of_poses(rig, BODY, still + 0.6 * (np.arange(BODY.n_dof) == 0)).points[:2, 5]
     keypoints = replace(of_poses(rig, BODY, still), points=points)
     method = Method.create(objective="keypoints", n_particles=60, n_layers=5)
-    settings = TakeSettings(method=method, keypoints=keypoints)
+    settings = TakeSettings(method=method, keypoints=keypoints, template=BODY)
     track = track_take(blind_session(device, rig), settings).tracks[0]
     assert np.flatnonzero(track.lost).tolist() == [5]
     away = np.linalg.norm(track.joints - posed_joints(BODY, still), axis=-1)

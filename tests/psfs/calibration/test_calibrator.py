@@ -69,18 +69,18 @@ def test_false_detections_are_left_out() -> None:
 
 
 def test_a_camera_that_was_moved_is_named() -> None:
-    """cam03 is moved by 4 cm in frame 24 of 40; the others are as accurate as without it."""
-    target, places = WAND, poses(WAND, 40)
+    """cam03 is moved by 4 cm in frame 18 of 30; the others are as accurate as without it."""
+    target, places = WAND, poses(WAND, 30)
     later = [*FOUR]
     later[2] = made.moved(FOUR[2], np.array([0.03, 0.0, 0.026]))
     sightings = made.sighted(target, FOUR, places)
     other = made.sighted(target, later, places)
-    sightings = [s for s in sightings if s.view != 2 or s.frame < 24]
-    sightings += [s for s in other if s.view == 2 and s.frame >= 24]
+    sightings = [s for s in sightings if s.view != 2 or s.frame < 18]
+    sightings += [s for s in other if s.view == 2 and s.frame >= 18]
     result = calibration_of(target, sightings, FOUR)
     assert list(result.disagreeing) == ["cam03"]
     frame = int(result.disagreeing["cam03"].split("moved near frame ")[1].split(",")[0])
-    assert 19 <= frame <= 29
+    assert 13 <= frame <= 23
     good = [0, 1, 3]
     away, _ = made.differences([result.scene.cameras[k] for k in good], [CAMERAS[k] for k in good])
     assert away.max() < 5

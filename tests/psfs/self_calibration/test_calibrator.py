@@ -119,7 +119,7 @@ def test_a_given_start_is_adjusted_in_its_own_world():
     places = rng.uniform(-1, 1, (12, 2))
     corners = np.stack([np.column_stack([places, np.full(12, z)]) for z in (0.2, 2)], axis=1)
     edges = [camera.project(corners)[0] for camera in CAMERAS]
-    films = [own[:60] for own in outlines()]
+    films = [own[:45] for own in outlines()]
     found = adjust_calibration(CameraRig(tuple(start)), lags, films, edges, RATE, CONFIG)
     turns = [a.R.T @ b.R for a, b in zip(found.rig, CAMERAS, strict=True)]
     assert found.levelled and np.mean(turns, axis=0)[2, 2] > np.cos(np.radians(0.6))

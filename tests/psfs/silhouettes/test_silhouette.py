@@ -27,21 +27,19 @@ from psfs.silhouettes.config import (
 )
 from psfs.silhouettes.silhouette import Silhouette
 
+#: Without shadows, mixed pixels and smoothing: one program, which leaves out what each compiles.
+WITHOUT = SilhouetteConfig(
+    background=BackgroundConfig(shadow_low=1.0, shadow_high=1.0),
+    rim=RimConfig(on=False),
+    smoothing=EvidenceSmoothingConfig(reach=0),
+)
 CONFIGS = [
     SilhouetteConfig(),
     SilhouetteConfig(
         evidence=EvidenceConfig(occlusion_prior=0.2, foreground_prior=0.3, clamp=1e-3)
     ),
-    SilhouetteConfig(background=BackgroundConfig(shadow_low=1.0, shadow_high=1.0, sigma_floor=4.0)),
-    SilhouetteConfig(rim=RimConfig(on=False)),
-    SilhouetteConfig(floor=FloorConfig(on=False), smoothing=EvidenceSmoothingConfig(reach=0)),
-    SilhouetteConfig(
-        background=BackgroundConfig(shadow_low=1.0, shadow_high=1.0),
-        floor=FloorConfig(on=False),
-        rim=RimConfig(on=False),
-        smoothing=EvidenceSmoothingConfig(reach=0),
-        evidence=EvidenceConfig(independent_pixels=1.0),
-    ),
+    WITHOUT.replace(background=WITHOUT.background.replace(sigma_floor=4.0)),
+    WITHOUT.replace(floor=FloorConfig(on=False), evidence=EvidenceConfig(independent_pixels=1.0)),
 ]
 
 

@@ -42,11 +42,11 @@ def test_each_persons_evidence_equals_the_twins(
     settings = settings.replace(silhouette=settings.silhouette.replace(evidence=config))
     everybody.silhouette.evidence.set(evidence)
     everybody.voxels.frame = scenes.frame(images=images)
-    spheres, colours = crowd(3), None
+    spheres, colours = crowd(3 if coloured else 2), None
     if coloured:
         colours = random.integers(0, 9, (3, BANDS, LEVELS**3)) ** 2.0
         colours[2, 1] = 0  # nothing is known
-    divide = Division(device, rig, everybody.voxels, [GRID] * 3, 9, settings, colours)
+    divide = Division(device, rig, everybody.voxels, [GRID] * len(spheres), 9, settings, colours)
     divide.spheres.set(spheres)
     if divide.bands is not None:
         divide.bands.set(find_bands(spheres))

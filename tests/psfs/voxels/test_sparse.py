@@ -241,7 +241,7 @@ def blurred(rig: CameraRig, px: float) -> CameraRig:
 
 
 @pytest.mark.parity("reconstruction/blur.blur")
-@pytest.mark.parametrize(("reach", "off", "px"), [(1, 0.0, 1), (1, 1.2, 2), (None, 3.0, 3)])
+@pytest.mark.parametrize(("reach", "off", "px"), [(1, 0.0, 1), (1, 1.2, 2), (None, 2.0, 2)])
 def test_blurred_evidence(device: Device, reach: float | None, off: float, px: int) -> None:
     """Evidence reaches a pixel, and farther where the calibration is off."""
     rig, config = blurred(scenes.ring(3), off), OccupancyConfig(reach=reach)
