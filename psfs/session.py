@@ -276,7 +276,7 @@ class _CarvedFrames:
 
     def _expand(self, compressed: bytes) -> np.ndarray:
         packed = np.frombuffer(zlib.decompress(compressed), np.uint8)
-        flat = np.unpackbits(packed, count=math.prod(self._shape)).astype(bool)
+        flat = np.unpackbits(packed, count=math.prod(self._shape)).view(bool)
         return flat.reshape(self._shape)
 
 

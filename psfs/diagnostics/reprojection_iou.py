@@ -10,6 +10,7 @@ import numpy as np
 
 from psfs.cameras.camera import BLOCK, Camera, CameraRig
 from psfs.cameras.footprints import voxel_footprints
+from psfs.common.progress import map_in_threads
 from psfs.common.regions import bounding_box, iou, keep_large_regions
 from psfs.diagnostics.config import SPECKLE_SHARE
 from psfs.sequence import Frame
@@ -77,12 +78,10 @@ def whole_silhouette(silhouette: np.ndarray, region: np.ndarray) -> np.ndarray:
     box = np.s_[top : rows.stop + 2, left : columns.stop + 2]  # with the rim that the filter sees
     inside, whole = region[box], np.zeros(silhouette.shape, bool)
     smooth = cv2.medianBlur(silhouette[box].view(np.uint8), 5)
-    count, labels = cv2.connectedComponents(smooth, connectivity=8)
-    areas = np.bincount(labels.ravel(), minlength=count)
+    count, labels, sizes, _ = cv2.connectedComponentsWithStats(smooth, connectivity=8)
     within = np.bincount(labels[inside], minlength=count)
-    mostly = within >= _MOSTLY * np.maximum(areas, 1)
-    mostly[0] = False
-    kept_pixels = (smooth > 0) & (inside | mostly[labels])
+    mostly = within >= _MOSTLY * sizes[:, cv2.CC_STAT_AREA]
+    kept_pixels = smooth.view(bool) & (inside | mostly[labels])
     whole[box] = keep_large_regions(kept_pixels, SPECKLE_SHARE)
     return whole
 
@@ -112,10 +111,8 @@ def describe_cut_silhouettes(names: Items[str], beyond: np.ndarray) -> str | Non
 
 def volume_region(rig: CameraRig, grid: VoxelGrid) -> np.ndarray:
     """Return (V, H, W) bool: pixels that look into the volume."""
-    region = np.zeros((len(rig), rig.height, rig.width), bool)
-    for view, camera in enumerate(rig):
-        region[view] = _hits_box(camera, grid, (rig.height, rig.width))
-    return region
+    shape = rig.height, rig.width
+    return np.stack(list(map_in_threads(lambda camera: _hits_box(camera, grid, shape), rig)))
 
 
 def _hits_box(camera: Camera, grid: VoxelGrid, shape: tuple[int, int]) -> np.ndarray:

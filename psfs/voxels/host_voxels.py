@@ -58,8 +58,12 @@ def voxel_silhouette(
     (left, top), (right, bottom) = low.min(0), high.max(0)
     (x0, y0), (x1, y1) = (low - (left, top)).T, (high - (left, top)).T
     # Signed corners of the boxes: their sums along both axes count the boxes over each pixel.
-    corners = np.zeros((bottom - top + 1, right - left + 1), int)
-    for rows, columns, sign in ((y0, x0, 1), (y1, x1, 1), (y0, x1, -1), (y1, x0, -1)):
-        np.add.at(corners, (rows, columns), sign)
-    drawn[top:bottom, left:right] = corners.cumsum(0).cumsum(1)[:-1, :-1] > 0
+    size = bottom - top + 1, right - left + 1
+    begun, ended = (
+        np.bincount(np.concatenate(places), minlength=size[0] * size[1]).reshape(size)
+        for places in (
+            (y0 * size[1] + x0, y1 * size[1] + x1), (y0 * size[1] + x1, y1 * size[1] + x0)
+        )
+    )  # fmt: skip
+    drawn[top:bottom, left:right] = (begun - ended).cumsum(0).cumsum(1)[:-1, :-1] > 0
     return drawn
