@@ -10,7 +10,7 @@ from helpers import footage, scenes
 from helpers.shared import shared_data
 
 import apf.cli
-from cl import InputError, NumpyDevice
+from cl import Device, InputError, NumpyDevice
 from psfs.cameras.calibration.toml_tables import write_toml_tables
 from psfs.cameras.camera import CameraRig
 from psfs.cli import main
@@ -101,7 +101,7 @@ def test_one_picture_has_no_silhouette(tmp_path: Path, masks: np.ndarray) -> Non
 
 
 def faults(folder: Path, **settings) -> list[Fault]:
-    return diagnose(Session(Sequence.open(folder, **settings), NumpyDevice())).faults
+    return diagnose(Session(Sequence.open(folder, **settings), Device.best())).faults
 
 
 def test_sound_footage_has_no_faults(tmp_path: Path, masks: np.ndarray) -> None:
