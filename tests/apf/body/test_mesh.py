@@ -67,11 +67,10 @@ def test_a_skinned_mesh_rests_where_it_was_bound() -> None:
 
 
 @pytest.mark.parity("image/render_mesh.count_pixels")
-@pytest.mark.parametrize(("name", "n"), [("song31", 8), ("stick", 66)])
-def test_pictures_of_frusta_equal_the_twins(device: Device, name: str, n: int) -> None:
-    body, rig = bodies.named(name), scenes.ring(3, (161, 123))
+def test_pictures_of_frusta_equal_the_twins(device: Device) -> None:
+    body, rig = bodies.named("stick"), scenes.ring(3, (161, 123))
     poses = bodies.scattered_poses(body, 6)
-    rendered.check_pictures(device, body, rig, poses, cone_mesh(body, n))
+    rendered.check_pictures(device, body, rig, poses, cone_mesh(body, 66))
 
 
 @pytest.mark.parity("image/skin.project_vertices")
