@@ -46,9 +46,9 @@ def map_in_threads(
     pool, begun = ThreadPoolExecutor(n_threads), deque[Future[Result]]()
     try:
         for item in items:
-            begun.append(pool.submit(function, item))
-            if len(begun) > 2 * n_threads:
+            if len(begun) == n_threads:
                 yield begun.popleft().result()
+            begun.append(pool.submit(function, item))
         while begun:
             yield begun.popleft().result()
         pool.shutdown()
