@@ -5,7 +5,7 @@ from __future__ import annotations
 from contextlib import ExitStack
 
 from apf.request import TrackRequest
-from apf.tracking.progress import ProgressLine, make_stage_bar, show_bar
+from apf.tracking.progress import ProgressLine, make_stage_bar
 from cl import InputError
 from psfs.cli.commandline import is_quiet, progress_bar, remark, stderr, warn
 
@@ -35,9 +35,8 @@ def run(request: TrackRequest) -> None:
 
 
 def _run_one(request: TrackRequest) -> None:
-    bar = make_stage_bar(stderr.console, is_quiet())
     with ExitStack() as stack:
-        stack.enter_context(show_bar(bar))
+        bar = stack.enter_context(make_stage_bar(stderr.console, is_quiet()))
         line = TakeLine(bar)
         # The bar is shown while these are loaded, which takes a second.
         from apf.backend import check_renderer

@@ -197,19 +197,6 @@ def make_stage_bar(console: Console, hidden: bool = False) -> Progress:
 
 
 @contextmanager
-def show_bar(bar: Progress) -> Iterator[None]:
-    """Show a bar, and leave nothing of it after an error, whose message is to stand alone."""
-    bar.start()
-    try:
-        yield
-    except BaseException:
-        bar.live.transient = True
-        bar.live.stop()  # without the empty line that `bar.stop` writes into a file
-        raise
-    bar.stop()
-
-
-@contextmanager
 def open_progress(progress: Callable[[str], object] | bool) -> Iterator[StageProgress]:
     """Return a context with the progress of a take: that calls a function with the stages' names,
     or, for true, that shows a line on a terminal and in a notebook."""
@@ -220,7 +207,7 @@ def open_progress(progress: Callable[[str], object] | bool) -> Iterator[StagePro
 
     console = Console(stderr=True)
     bar = make_stage_bar(console, hidden=not (console.is_terminal or console.is_jupyter))
-    with show_bar(bar):
+    with bar:
         yield ProgressLine(bar)
 
 

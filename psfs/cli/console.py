@@ -46,19 +46,9 @@ def make_log_console(file: TextIO) -> Console:
     )
 
 
-class _Bar(FollowedProgress):
-    def stop(self) -> None:
-        """Remove the bar if an error occurs before any progress."""
-        self.live.transient = not any(task.completed for task in self.tasks)
-        if self.live.transient:
-            self.live.stop()  # without the empty line that `stop` writes into a file
-        else:
-            super().stop()
-
-
 def make_progress_bar(console: Console, hidden: bool) -> Progress:
     """Return the progress bar for long work."""
-    return _Bar(
+    return FollowedProgress(
         TextColumn("{task.description}", markup=False),
         BarColumn(),
         MofNCompleteColumn(),

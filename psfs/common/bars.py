@@ -35,8 +35,21 @@ class FollowedProgress(Progress):
     """Bars of which the last one is also stated in the file of the environment, if it names one.
 
     A task's field `end` may say at which time since its beginning the command is expected to end,
-    s.
+    s. Nothing is left of bars without progress, and after an error, whose message is to stand
+    alone.
     """
+
+    def __exit__(self, kind: type[BaseException] | None, *error: object) -> None:
+        self.live.transient = kind is not None
+        self.stop()
+
+    def stop(self) -> None:
+        """Stop showing the bars."""
+        self.live.transient |= not any(task.completed for task in self.tasks)
+        if self.live.transient:
+            self.live.stop()  # without the empty line that `stop` writes into a file
+        else:
+            super().stop()
 
     def get_renderable(self) -> RenderableType:
         if (file := os.environ.get(PROGRESS)) and self.tasks:
