@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -16,6 +14,7 @@ from cl import InputError
 from psfs.cameras.names import natural_key
 from psfs.common.numbers import pick_evenly
 from psfs.common.pictures import read_mask, read_picture
+from psfs.common.progress import map_in_threads
 from psfs.footage.video import VideoDecoder, VideoIndex, index_video
 
 VIDEO_SUFFIXES = {
@@ -98,8 +97,7 @@ def open_media(name: str, paths: Sequence[Path]) -> Media:
 def open_all_media(paths: Mapping[str, Sequence[Path]]) -> tuple[Media, ...]:
     """Open the media of every camera, by name, in parallel. Raises InputError as `open_media`
     does."""
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
-        return tuple(pool.map(open_media, paths, paths.values()))
+    return tuple(map_in_threads(lambda item: open_media(*item), paths.items()))
 
 
 def read_picture_size(path: Path) -> tuple[int, int]:

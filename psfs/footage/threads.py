@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import queue
-import threading
+from collections import deque
 from collections.abc import Generator, Iterator
-from contextlib import closing
-from typing import TypeVar
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import suppress
+from typing import Any, TypeVar
 
 T = TypeVar("T")
 
@@ -17,38 +17,18 @@ def prefetch(items: Generator[T, None, None], depth: int) -> Iterator[T]:
     An exception in the thread is raised here, after the items before it. When the consumer stops
     early, the generator is closed, in its thread, before this returns.
     """
-    ready: queue.Queue[tuple[bool, T | BaseException | None]] = queue.Queue(maxsize=depth)
-    stop = threading.Event()
-
-    def put(more: bool, value: T | BaseException | None) -> None:
-        while not stop.is_set():
-            try:
-                ready.put((more, value), timeout=0.05)
-                return
-            except queue.Full:
-                continue
-
-    def produce() -> None:
-        try:
-            with closing(items):
-                for item in items:
-                    put(True, item)
-                    if stop.is_set():
-                        return
-            put(False, None)
-        except BaseException as error:  # raised again in the consumer
-            put(False, error)
-
-    thread = threading.Thread(target=produce, name="psfs-decode", daemon=True)
-    thread.start()
+    thread, begun, end = ThreadPoolExecutor(1, "psfs-decode"), deque[Future[Any]](), object()
     try:
         while True:
-            more, value = ready.get()
-            if isinstance(value, BaseException):
-                raise value
-            if not more:
+            while len(begun) <= depth:
+                begun.append(thread.submit(next, items, end))
+            item = begun.popleft().result()
+            if item is end:
                 return
-            yield value  # type: ignore[misc]
+            yield item
     finally:
-        stop.set()
-        thread.join()
+        for later in begun:
+            later.cancel()
+        with suppress(RuntimeError):  # Python is ending, and has ended the thread
+            thread.submit(items.close)
+        thread.shutdown()
