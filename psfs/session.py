@@ -23,6 +23,7 @@ from cl import Device, InputError, NumpyDevice
 from psfs.backend import AnyReconstructor, make_evidence_function, make_reconstructor
 from psfs.background.gaussian import Background
 from psfs.cameras.camera import CameraRig
+from psfs.common.progress import map_in_threads
 from psfs.common.system import KEPT_BYTES
 from psfs.reconstructor import Reconstructor
 from psfs.sequence import Frame, Sequence
@@ -229,7 +230,7 @@ class Session:
         If all were kept, they are returned; otherwise all are reconstructed again, in their order.
         """
         if self._carved is not None and self._carved.holds(grid, indices):
-            yield from map(self._carved.get, indices)
+            yield from map_in_threads(self._carved.get, indices)
             return
         reconstruct = self.reconstructor(grid)
         for frame in self.sequence.select_frames(indices):
