@@ -7,7 +7,6 @@ import shutil
 import signal
 from collections.abc import Generator
 from pathlib import Path
-from typing import Any
 
 # Before NumPy is imported, for this process and its children: the matrices here are small, and
 # OpenBLAS's waiting threads took four fifths of the twins' time.
@@ -24,7 +23,6 @@ os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 import numpy as np
 import pytest
 from helpers import examined, faults, parity
-from pyopencl import invoker
 
 from apf.initialisation.config import StartConfig
 from apf.synthetic.generate import generate
@@ -117,33 +115,6 @@ def _examined_once() -> Generator[None, None, None]:
     """The same footage is examined once, and the body fitted to the same joints once."""
     with examined.remembered():
         yield
-
-
-@pytest.fixture(scope="session", autouse=True)
-def _invokers_in_memory() -> Generator[None, None, None]:
-    """PyOpenCL reads its Python code for a kernel's arguments from a file, again for every kernel
-    object: a quarter of a millisecond, and a tracker has a hundred of them."""
-    stored = getattr(invoker, "invoker_cache", None)
-    with pytest.MonkeyPatch.context() as patch:
-        if stored is not None:
-            patch.setattr(invoker, "invoker_cache", _Remembering(stored))
-        yield
-
-
-class _Remembering(dict[Any, Any]):
-    """A cache of PyOpenCL's whose entries are read once."""
-
-    def __init__(self, stored: Any) -> None:
-        super().__init__()
-        self._stored = stored
-
-    def __missing__(self, key: Any) -> Any:
-        self[key] = found = self._stored[key]
-        return found
-
-    def store_if_not_present(self, key: Any, value: Any) -> None:
-        self[key] = value
-        self._stored.store_if_not_present(key, value)
 
 
 @pytest.fixture
