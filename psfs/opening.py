@@ -12,7 +12,7 @@ import numpy as np
 from cl import Device, InputError, NumpyDevice
 from psfs.cameras.camera import CameraRig
 from psfs.common.files import resolve_path
-from psfs.common.numbers import pick_evenly
+from psfs.common.numbers import mean_known, pick_evenly
 from psfs.diagnostics.examination import Examination, examine
 from psfs.footage.settings import SequenceSettings
 from psfs.people.people import extend_to_people
@@ -187,7 +187,7 @@ def check_body(session: Session, body: TrackedBody) -> None:
         share_on_silhouettes(session.rig, evidence, body[index])
         for index, evidence in zip(indices, session.evidence(indices), strict=True)
     ]
-    share = float(np.nanmean(shares)) if np.isfinite(shares).any() else 0.0
+    share = mean_known(shares, nothing=0.0)
     if share < _LEAST_AGREEMENT:
         raise InputError(
             f"{body.path}: {share:.0%} of the body's axes lie on the silhouettes of "

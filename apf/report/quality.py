@@ -31,7 +31,7 @@ from apf.tracking.limb_confidence import (
     lasts_long_enough,
 )
 from apf.tracking.track import Track, spans
-from psfs.common.numbers import STEP_SECONDS, json_number, mean_known
+from psfs.common.numbers import STEP_SECONDS, json_number, known_means, mean_known
 from psfs.common.ranges import NAMED
 
 #: A part with less confidence should be checked; a limb counts as lost below it, too.
@@ -203,7 +203,7 @@ class Quality:
         if n_there < len(track):
             facts.append(f"not there in frames {spans(track.frames[~self.there].tolist(), NAMED)}")
         if self.agreement is not None:
-            means = camera_means(self.agreement.body_iou)
+            means = known_means(self.agreement.body_iou)
             worst = int(np.argmin(np.nan_to_num(means, nan=1.0)))
             facts.append(
                 f"the body covers the silhouettes to {np.nanmean(means):.2f}, the voxels, which it "
@@ -282,11 +282,6 @@ class Quality:
         }
 
 
-def camera_means(scores: np.ndarray) -> np.ndarray:
-    """Return the means (V,) of scores (S, V), NaN for a camera without scores."""
-    return np.ma.filled(np.ma.masked_invalid(scores).mean(axis=0), np.nan)
-
-
 def _name_cameras(cameras: Items[str], scores: np.ndarray) -> dict[str, float | None]:
-    means = camera_means(scores)
+    means = known_means(scores)
     return {name: json_number(value) for name, value in zip(cameras, means, strict=True)}

@@ -12,7 +12,7 @@ from rich.table import Table
 from cl import InputError, select_device
 from psfs.cli.commandline import make_table, progress_bar, stdout, warn
 from psfs.common.files import write_json
-from psfs.common.numbers import json_number
+from psfs.common.numbers import json_number, known_means
 from psfs.common.outputs import output_folder
 from psfs.diagnostics.cloud_scores import DEFINITION as CLOUD_DEFINITION
 from psfs.diagnostics.cloud_scores import CloudScore, mean_scores, score_cloud
@@ -72,7 +72,7 @@ def low_agreement(
 ) -> list[str]:
     """Return texts that name the cameras of a folder with low scores (frames, V), except those
     `named` already."""
-    means = np.ma.masked_invalid(scores).mean(axis=0).filled(np.nan)
+    means = known_means(scores)
     low = [n for n, mean in zip(names, means, strict=True) if mean < _LOW and n not in named]
     return [
         f"camera {name}: its silhouettes and the voxels agree little; they lack parts of the "

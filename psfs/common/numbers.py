@@ -67,6 +67,11 @@ def mean_known(values: ArrayLike, nothing: float = np.nan) -> float:
     return float(known.mean()) if known.size else nothing
 
 
+def known_means(values: np.ndarray, axis: int = 0) -> np.ndarray:
+    """Return the means of the finite values along an axis; NaN where there are none."""
+    return np.ma.filled(np.ma.masked_invalid(values).mean(axis), np.nan)
+
+
 def jackknife(totals: np.ndarray, estimate: Callable[[np.ndarray], float]) -> np.ndarray:
     """Return the pseudo-values (N,) of an estimate from sums of rows (N, K) of samples: their mean
     is the estimate without its bias, their spread tells its deviation (Tukey 1958)."""

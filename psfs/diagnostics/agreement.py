@@ -15,7 +15,7 @@ import numpy as np
 
 from psfs.cameras.camera import CameraRig
 from psfs.cameras.rig_geometry import find_seen_box, required_cameras
-from psfs.common.numbers import pick_evenly
+from psfs.common.numbers import known_means, pick_evenly
 from psfs.voxels.grid import VoxelGrid
 from psfs.voxels.occupied_box import CoarseSpace, look_up
 
@@ -43,11 +43,11 @@ class CameraAgreement:
 
     def with_others(self, view: int) -> np.ndarray:
         """Return the mean share (S,) outside of the other cameras' silhouettes, with this one."""
-        return _mean(np.delete(self.own, view, axis=1))
+        return known_means(np.delete(self.own, view, axis=1), axis=1)
 
     def without(self, view: int) -> np.ndarray:
         """Return the same share (S,) after this camera was left out."""
-        return _mean(np.delete(self.outside[:, :, view], view, axis=1))
+        return known_means(np.delete(self.outside[:, :, view], view, axis=1), axis=1)
 
 
 class HullAgreement:
@@ -129,10 +129,3 @@ class HullAgreement:
         reach = max(1, round(_NEAR * np.ptp(np.flatnonzero(expected.any(axis=1)))))
         vicinity = cv2.dilate(expected.view(np.uint8), np.ones((2 * reach + 1,) * 2, np.uint8)) > 0
         return np.isin(labels, met) & vicinity
-
-
-def _mean(shares: np.ndarray) -> np.ndarray:
-    """Return the means (S,) of shares (S, N); NaN where all are."""
-    known = np.isfinite(shares)
-    counts = known.sum(axis=1)
-    return np.where(counts, np.where(known, shares, 0).sum(1) / np.maximum(counts, 1), np.nan)

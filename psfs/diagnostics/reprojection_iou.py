@@ -10,6 +10,7 @@ import numpy as np
 
 from psfs.cameras.camera import BLOCK, Camera, CameraRig
 from psfs.cameras.footprints import voxel_footprints
+from psfs.common.numbers import known_means
 from psfs.common.progress import map_in_threads
 from psfs.common.regions import bounding_box, iou, keep_large_regions
 from psfs.diagnostics.config import SPECKLE_SHARE
@@ -95,7 +96,7 @@ def share_beyond_volume(silhouettes: np.ndarray, region: np.ndarray) -> np.ndarr
 
 def describe_cut_silhouettes(names: Items[str], beyond: np.ndarray) -> str | None:
     """Return a warning if silhouettes reach beyond the volume; `beyond`: shares (frames, V)."""
-    shares = np.nan_to_num(np.ma.masked_invalid(beyond).mean(axis=0).filled(0.0))
+    shares = np.nan_to_num(known_means(beyond))
     cut = [
         f"{name} {share:.0%}"
         for name, share in zip(names, shares, strict=True)
