@@ -13,11 +13,11 @@ def iou(a: np.ndarray, b: np.ndarray) -> float:
     return np.count_nonzero(a & b) / union if union else float("nan")
 
 
-def keep_large_regions(occupied: np.ndarray, share: float) -> np.ndarray:
+def keep_large_regions(occupied: np.ndarray, share: float = 0.0, least: int = 1) -> np.ndarray:
     """Return `occupied` (any shape, bool) without small connected regions.
 
     Regions are connected by edges and corners. One is kept if it has at least `share` of the
-    largest region's elements.
+    largest region's elements, and `least` elements.
     """
     large = np.zeros(occupied.shape, bool)
     box = scipy.ndimage.find_objects(occupied.astype(np.uint8), max_label=1)[0]
@@ -26,7 +26,7 @@ def keep_large_regions(occupied: np.ndarray, share: float) -> np.ndarray:
     labels, _ = scipy.ndimage.label(occupied[box], np.ones((3,) * occupied.ndim))
     sizes = np.bincount(labels.ravel())
     sizes[0] = 0  # what is not occupied
-    large[box] = ((sizes > 0) & (sizes >= share * sizes.max()))[labels]
+    large[box] = (sizes >= max(least, share * sizes.max()))[labels]
     return large
 
 

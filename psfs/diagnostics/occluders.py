@@ -21,6 +21,7 @@ from psfs.backend import make_evidence_pipeline
 from psfs.cameras.camera import CameraRig
 from psfs.common.numbers import pick_evenly
 from psfs.common.progress import map_in_threads
+from psfs.common.regions import keep_large_regions
 from psfs.diagnostics.small_views import LARGE_SIDE, Shrink, compute_ahead
 from psfs.session import Session
 from psfs.silhouettes.config import SilhouetteConfig
@@ -119,7 +120,7 @@ def find_hidden_in_box(
         enough &= confirmed.any((1, 2))[:, None, None]  # else the camera shows nobody
         square = np.ones((_GAP, _GAP), np.uint8)
         closed = [cv2.morphologyEx(own, cv2.MORPH_CLOSE, square) for own in _bytes(enough)]
-        hidden |= np.stack([_without_specks(own, _SPECK) for own in closed])
+        hidden |= np.stack([keep_large_regions(own > 0, least=_SPECK) for own in closed])
     return hidden if hidden.any() else None
 
 
@@ -165,14 +166,6 @@ def _count(maps: np.ndarray, pixels: np.ndarray) -> np.ndarray:
 
 def _bytes(maps: np.ndarray) -> np.ndarray:
     return maps.view(np.uint8)
-
-
-def _without_specks(region: np.ndarray, least: int) -> np.ndarray:
-    """Return (H, W) bool: the parts of a region (H, W) uint8 with `least` pixels or more."""
-    count, labels, facts, _ = cv2.connectedComponentsWithStats(region, connectivity=8)
-    kept = facts[:count, cv2.CC_STAT_AREA] >= least
-    kept[0] = False
-    return kept[labels]
 
 
 def _enlarge(region: np.ndarray, size: tuple[int, int]) -> np.ndarray:
