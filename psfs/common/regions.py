@@ -13,7 +13,7 @@ def iou(a: np.ndarray, b: np.ndarray) -> float:
     return np.count_nonzero(a & b) / union if union else float("nan")
 
 
-def keep_large_regions(occupied: np.ndarray, share: float = 0.0, least: int = 1) -> np.ndarray:
+def keep_large_regions(occupied: np.ndarray, share: float = 0.0, least: float = 1) -> np.ndarray:
     """Return `occupied` (any shape, bool) without small connected regions.
 
     Regions are connected by edges and corners. One is kept if it has at least `share` of the

@@ -14,6 +14,7 @@ from psfs.background.gaussian import Background, estimate_background, median_mom
 from psfs.cameras.camera import CameraRig
 from psfs.common.numbers import SAMPLES
 from psfs.common.pictures import scale_picture
+from psfs.common.regions import keep_large_regions
 from psfs.diagnostics.small_views import (
     SILHOUETTES,
     Outline,
@@ -102,11 +103,9 @@ def outline_person(mask: np.ndarray) -> Outline | None:
     left, top = max(0, x - margin), max(0, y - margin)
     box = closed[top : y + height + margin, left : x + width + margin]
     groups = cv2.connectedComponents(cv2.dilate(box, disc))[1]
-    _, labels, facts, _ = cv2.connectedComponentsWithStats(box, connectivity=8)
-    large = facts[:, cv2.CC_STAT_AREA] >= _PART * whole.area
-    large[0] = False
+    large = keep_large_regions(box > 0, least=_PART * whole.area)
     x, y = whole.contour[0].astype(int) - (left, top)
-    rows, columns = np.nonzero(large[labels] & (groups == groups[y, x]))
+    rows, columns = np.nonzero(large & (groups == groups[y, x]))
     pixels = np.stack([left + columns, top + rows], -1).astype(np.int32)
     hull = cv2.convexHull(pixels).reshape(-1, 2)
     points = hull.astype(float)
