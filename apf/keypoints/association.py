@@ -17,9 +17,9 @@ import numpy as np
 from psfs.cameras.camera import CameraRig
 from psfs.cameras.triangulation import (
     TriangulationConfig,
-    intersect_rays,
     reprojection_errors,
     triangulate,
+    triangulate_rays,
     undistort_points,
 )
 from psfs.common.numbers import STEP_SECONDS, find_best_path, match_pairs
@@ -310,8 +310,4 @@ def _locate_person(points: np.ndarray, rig: CameraRig) -> np.ndarray:
     seen = np.isfinite(points).all(-1)
     with np.errstate(invalid="ignore"):
         means = np.where(seen[..., None], points, 0).sum(2) / seen.sum(2)[..., None]
-    directions = [
-        camera.rays(mean[:, :2].astype(np.float64)) for camera, mean in zip(rig, means, strict=True)
-    ]
-    centres = np.array([camera.centre for camera in rig])
-    return intersect_rays(centres, np.stack(directions, axis=1))
+    return triangulate_rays(rig, means[..., :2].astype(np.float64))

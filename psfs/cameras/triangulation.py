@@ -7,7 +7,7 @@ keypoint lies far from the others' are excluded one by one.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -79,6 +79,14 @@ def intersect_rays(origins: np.ndarray, directions: np.ndarray) -> np.ndarray:
     total = across.sum(axis=-3) + 1e-9 * np.eye(3)
     points = np.linalg.solve(total, moments[..., None])[..., 0]
     return np.where(seen.sum(axis=-1)[..., None] > 1, points, np.nan)
+
+
+def triangulate_rays(cameras: Iterable[Camera], pixels: np.ndarray) -> np.ndarray:
+    """Return the points (P, 3) nearest to the rays of their pixels (V, P, 2) in all cameras; NaN
+    where less than two see one."""
+    views = [(camera.centre, camera.rays(at)) for camera, at in zip(cameras, pixels, strict=True)]
+    centres, rays = zip(*views, strict=True)
+    return intersect_rays(np.stack(centres), np.stack(rays, axis=1))
 
 
 def undistort_points(rig: CameraRig | Sequence[Camera], points: np.ndarray) -> np.ndarray:

@@ -16,7 +16,7 @@ from psfs.calibration.start.lenses import FOCALS, with_focal_length
 from psfs.calibration.start.placing import chain_poses
 from psfs.calibration.targets.target import EQUAL, Sighting, Target, group_by_frame
 from psfs.cameras.camera import Camera
-from psfs.cameras.triangulation import intersect_rays
+from psfs.cameras.triangulation import triangulate_rays
 
 #: Most camera pairs that judge a focal length, and that propose a frame's wand pose.
 _JUDGES, _PROPOSERS = 4, 6
@@ -144,9 +144,8 @@ def _propose_poses(
     proposals = []
     pairs = list(combinations(sightings, 2))[:_PROPOSERS]
     for (one, two), order in product(pairs, target.orders):
-        rays = [rig[one.view].rays(one.pixels), rig[two.view].rays(two.pixels[order])]
-        centres = np.stack([rig[one.view].centre, rig[two.view].centre])
-        points = intersect_rays(centres, np.stack(rays, axis=1))
+        pixels = np.stack([one.pixels, two.pixels[order]])
+        points = triangulate_rays([rig[one.view], rig[two.view]], pixels)
         axis = points[-1] - points[0]
         length = np.linalg.norm(axis)
         if not 0 < length < np.inf:

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from psfs.cameras.camera import Camera
-from psfs.cameras.triangulation import intersect_rays
 from psfs.common.least_squares import Parameters, Residuals, Slope, prior, solve
 from psfs.diagnostics.refinement import correct_cameras, measure_points
 
@@ -75,14 +74,6 @@ class PointScene:
     cameras: tuple[Camera, ...]
     lags: np.ndarray
     points: np.ndarray
-
-
-def triangulate_rays(cameras: Sequence[Camera], pixels: np.ndarray) -> np.ndarray:
-    """Return the points (P, 3) nearest to the rays of their pixels (V, P, 2) in all cameras; NaN
-    where less than two see one."""
-    rays = [camera.rays(view_pixels) for camera, view_pixels in zip(cameras, pixels, strict=True)]
-    centres = np.stack([camera.centre for camera in cameras])
-    return intersect_rays(centres, np.stack(rays, axis=1))
 
 
 def measure_errors(scene: PointScene, observations: PointObservations) -> np.ndarray:

@@ -14,6 +14,7 @@ import numpy as np
 from cl import InputError
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.names import join_names
+from psfs.cameras.triangulation import triangulate_rays
 from psfs.common.numbers import pick_evenly
 from psfs.footage.camera_times import shift_points
 from psfs.self_calibration.config import PersonConfig
@@ -23,7 +24,6 @@ from psfs.self_calibration.points.bundle import (
     Segments,
     adjust_points,
     measure_errors,
-    triangulate_rays,
 )
 from psfs.self_calibration.points.start import (
     FEWEST,

@@ -15,6 +15,7 @@ import cv2
 import numpy as np
 
 from psfs.cameras.camera import Camera
+from psfs.cameras.triangulation import triangulate_rays
 from psfs.common.numbers import pick_evenly
 from psfs.diagnostics.refinement import N_PARAMETERS
 from psfs.footage.camera_times import LEAST_OVERLAP, estimate_times, shift_points, sum_costs
@@ -23,7 +24,6 @@ from psfs.self_calibration.points.bundle import (
     PointScene,
     adjust_points,
     measure_errors,
-    triangulate_rays,
 )
 
 #: RANSAC's confidence; its most trials; its gate in standard deviations of a keypoint.
