@@ -125,8 +125,8 @@ def find_covered(
     deviation of the empty scene in the frames' light, if it was filmed.
 
     The background is at first the median or, if people stay in a place and are thus in the median,
-    the film; without one, it is extrapolated from around all that moves. That one is taken in which
-    the cameras agree better.
+    the film; without one, it is extrapolated from around all that moves and what is below, since
+    people stand on the floor. That one is taken in which the cameras agree better.
     """
     moving = np.stack(list(pool.map(find_moving_region, frames)))
     moments = list(pool.map(median_moments, frames))
@@ -134,11 +134,12 @@ def find_covered(
     still = Rays(rig, moving)
 
     def begin(from_median: bool) -> tuple[Coverage, list[PixelDensities], np.ndarray]:
-        rays = still
-        if film is not None and not from_median:
+        rays, changes = still, moving
+        if film is not None:
             # Somebody who sits moves in some views, or in none.
             seeds = moving | ~rays.regions.any((1, 2), keepdims=True)
             changes = np.stack(list(pool.map(_find_changes, seeds, moments, films)))
+        if not from_median:
             rays = Rays(rig, changes, _FLOOR)
         learn = partial(PixelDensities, from_median=from_median)
         densities = list(pool.map(learn, frames, rays.regions, moments, films))

@@ -99,19 +99,21 @@ def test_somebody_who_walks_about_is_not_in_it() -> None:
     assert (background.std < 6).mean() > 0.97
 
 
-def test_somebody_who_stays_in_a_place_is_unknown() -> None:
-    """He stands there all the time, swaying a little."""
+@pytest.mark.parametrize(("rooted", "beyond"), [(False, 0), (True, 0.01)])
+def test_somebody_who_stays_in_a_place_is_unknown(rooted: bool, beyond: float) -> None:
+    """He stands there all the time, swaying a little; if `rooted`, his feet do not even sway. The
+    share of other pixels that are unknown is at most `beyond`."""
     sway = np.arange(24.0)
     shifts = 0.08 * np.stack([np.sin(sway), np.cos(1.7 * sway)], -1)
-    rig, scene, media = take(shifts, np.ones((24, 3)), size=SIZE)
+    rig, scene, media = take(shifts, np.ones((24, 3)), rooted=rooted, size=SIZE)
     background = estimate_background_from_take(rig, media)
     assert wrong_share(background, scene, rig) < 0.01
     height, width = media[0].size[::-1]
-    there = np.abs(media[0].held - scene[0, :height, :width]).max(-1) > 60
+    there = np.abs(media[0].held - scene[0, :height, :width]).max(-1) > 15
     always = there.all(0)
     unknown = background.std[0, :height, :width].max(-1) >= EXTRAPOLATED
     assert unknown[always].mean() > 0.98 and unknown.mean() < 1.4 * always.mean()
-    assert not unknown[~there.any(0)].any()
+    assert unknown[~there.any(0)].mean() <= beyond
 
 
 @pytest.mark.parametrize("moves", ["nothing", "trunk", "all"])
