@@ -36,7 +36,7 @@ _BACKWARDS, _LEAST_WAY = 0.25, 0.25
 _CLOSE = 1.4
 #: Power of the misfit in the cost: a limb in the air costs little in the pictures; the voxels show
 #: better where it is.
-_MISFIT_POWER = 0.3
+MISFIT_POWER = 0.3
 #: Misfit, see `apf.likelihood.base`, above which no body was found.
 _HOPELESS = 0.9
 #: Steps of a body's fit: seven more lower the cost by 2 %.
@@ -248,7 +248,7 @@ class _Search:
         poses = np.stack([estimate.pose for estimate in estimates])
         errors = [estimate.least_error[-1] for estimate in estimates]
         misfit = float(np.mean([estimate.misfit for estimate in estimates]))
-        factor = misfit**_MISFIT_POWER * walking_factor(self.body, poses, self._way)
+        factor = misfit**MISFIT_POWER * walking_factor(self.body, poses, self._way)
         cost = float(np.mean(errors)) * factor
         return Hypothesis(shape, poses, misfit, cost, int(np.argmin(errors)))
 

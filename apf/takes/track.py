@@ -32,7 +32,7 @@ from apf.tracking.take import (
     StartedTake,
     Take,
     check_cameras,
-    choose_headings,
+    choose_starts,
     complete_take,
     start_take,
     track_again,
@@ -156,7 +156,7 @@ def _track_people(
                 raise
             progress.warn(f"{error}; without a first pose it is left out, as an object")
             persons = persons.without(number)
-    started = choose_headings(started, lambda stage: progress("start"))
+    started = choose_starts(started, lambda stage: progress("start"))
     keepers = list[Keeper | None]()
     for number, start in enumerate(started, start=1):
         person, session = persons.job(job, number), start.session

@@ -252,14 +252,14 @@ def _observe_people(people: Items[_Person]) -> Iterator[tuple[int, list[Observat
     if not people:
         return
     session, task = people[0].run.session, people[0].run.task
-    if all(person.run.session is session for person in people):
-        alone = observations(session, task, people[0].frames)
-        yield from ((index, [observation] * len(people)) for index, observation in alone)
-        return
     ends = [end for person in people for end in (person.frames[0], person.frames[-1])]
     step = people[0].frames.step
     first, last = (min(ends), max(ends) + 1) if step > 0 else (max(ends), min(ends) - 1)
     frames = range(first, last, step)
+    if all(person.run.session is session for person in people):
+        alone = observations(session, task, frames)
+        yield from ((index, [observation] * len(people)) for index, observation in alone)
+        return
     divided: Iterator[tuple[int, Items[Shown]]]
     if isinstance(session, PersonSession) and task.method.uses_voxels:
         everybody = observe_frames(session.joint.begin(), session.sequence.frames(_slice(frames)))

@@ -18,6 +18,7 @@ from apf.body.limbs import limb_ends
 from apf.body.model import BodyModel
 from apf.filters.method import Method
 from apf.filters.term_weights import list_comparing_weights
+from apf.initialisation.automatic import MISFIT_POWER
 from apf.initialisation.config import StartConfig
 from apf.initialisation.from_keypoints import KeypointStart, start_from_keypoints
 from apf.initialisation.kept_voxels import LEAST_VOXELS, select_person_points
@@ -44,8 +45,9 @@ from psfs.voxels.grid import VoxelGrid
 #: None.
 Keep: TypeAlias = Callable[[BodyModel, np.ndarray, Items[Track]], "Items[Path] | None"]
 
-#: Starts that are tried.
-_TRIES = 3
+#: Frames in which a start is sought at most, and starts, in frames apart, between which the whole
+#: take decides: a limb that one frame hides, another one shows.
+_TRIES, _STARTS = 3, 2
 #: Share by which the qualities of frames differ that are alike: one person's voxels differ so.
 _ALIKE = 0.1
 #: Largest distance, m, of a given first pose from the volume.
@@ -74,12 +76,14 @@ class Take:
 @dataclass(frozen=True, eq=False)
 class StartedTake:
     """A take whose body and first pose are known. start: the automatic start, None if they were
-    given. personal: whether the body is fitted to the outlines of all frames."""
+    given. personal: whether the body is fitted to the outlines of all frames. others: the starts in
+    other frames, with their numbers."""
 
     session: Session
     task: TrackingTask
     start: Start | None = None
     personal: bool = False
+    others: tuple[tuple[int, Start], ...] = ()
 
 
 def track_take(
@@ -104,7 +108,7 @@ def track_take(
     """
     report = progress or (lambda stage: None)
     started = [start_take(session, settings, progress)]
-    started = choose_headings(started, lambda stage: report("start"))
+    started = choose_starts(started, lambda stage: report("start"))
     return complete_take(track_again(started, track_first(started, progress, [keep]), progress)[0])
 
 
@@ -113,12 +117,13 @@ def start_take(
     settings: TakeSettings | None = None,
     progress: Callable[[str], object] | None = None,
 ) -> StartedTake:
-    """Find the person's body and first pose, and its rivals, see `choose_headings`."""
+    """Find the person's body and first pose, and its rivals, see `choose_starts`."""
     settings = settings or TakeSettings()
     report = progress or (lambda stage: None)
     method, body_and_pose = settings.tracked_method, settings.given
     start: Start | None = None
     frame: int | None = None
+    others: list[tuple[int, Start]] = []
     keypoint_fit: KeypointStart | None = None
     if body_and_pose is None:
         check_startable(settings.body_template)  # before anything that takes time
@@ -134,17 +139,18 @@ def start_take(
         check_cameras(session.sequence)
         report("volume")
         automatic_grid(session)
+    personal = body_and_pose is None and method.goes_back and not settings.keep_shape
     if body_and_pose is None:
         report("start")
-        frame, start = _find_start(session, settings, lambda: report("start"))
+        n_starts = _STARTS if personal else 1
+        (frame, start), *others = _find_starts(session, settings, n_starts, lambda: report("start"))
         body_and_pose = start.body, start.pose
     body, pose = body_and_pose
     if method.uses_voxels and start is None:
         check_first_pose(automatic_grid(session), body, pose, session.sequence.name)
     points = None if keypoint_fit is None else keypoint_fit.observations
     task = TrackingTask(body, pose, method, settings.run_seeds, points, frame)
-    personal = start is not None and method.goes_back and not settings.keep_shape
-    return StartedTake(session, task, start, personal)
+    return StartedTake(session, task, start, personal, tuple(others))
 
 
 def track_first(
@@ -211,39 +217,49 @@ def _expect_body(started: StartedTake, first: Take) -> TrackingTask:
     return replace(started.task, body=first.body, pose=first.pose, tracked=tracked)
 
 
-def choose_headings(
+def choose_starts(
     started: Items[StartedTake], progress: Callable[[str], object] | None = None
 ) -> list[StartedTake]:
-    """Return the starts, or in place of one that of its rivals with another heading whose body fits
-    best to the whole take: all are tracked in one direction, together. The `rival` of a start is
-    then that of the take. Raises UserError and KeyboardInterrupt."""
-    chosen, candidates = list(started), dict[int, list[Start]]()
-    for number, (start, personal) in enumerate((each.start, each.personal) for each in started):
-        if personal and start is not None and start.rivals:
-            candidates[number] = [start, *start.rivals]
-    runs = list[TrackingRun]()
-    for number, starts in candidates.items():
-        task = started[number].task
-        one_way = replace(task, method=task.method.replace(both_ways=False), seeds=task.seeds[:1])
-        tasks = (replace(one_way, body=each.body, pose=each.pose) for each in starts)
-        runs += [TrackingRun(started[number].session, each) for each in tasks]
+    """Return the starts, or in place of one that of its rivals, with another heading or in another
+    frame, whose body fits best to the whole take: all are tracked in one direction, together. The
+    `rival` of a start is then that of the take. Raises UserError and KeyboardInterrupt."""
+    chosen, candidates = list(started), dict[int, list[tuple[Start, TrackingTask]]]()
+    for number, each in enumerate(started):
+        if each.start is None or not each.personal:
+            continue
+        starts = [(each.task.frame, start) for start in (each.start, *each.start.rivals)]
+        candidates[number] = [
+            (start, replace(each.task, body=start.body, pose=start.pose, frame=frame))
+            for frame, start in (*starts, *each.others)
+        ]
+    compared = {number: of for number, of in candidates.items() if len(of) > 1}
+    runs = [
+        TrackingRun(
+            started[number].session,
+            replace(task, method=task.method.replace(both_ways=False), seeds=task.seeds[:1]),
+        )
+        for number, of in compared.items()
+        for _, task in of
+    ]
     tracked = iter(track_people(runs, progress) if runs else ())
-    for number, starts in candidates.items():
-        errors, joints = list[float](), list[np.ndarray]()
-        for _ in starts:
+    for number, of in compared.items():
+        costs, joints = list[float](), list[np.ndarray]()
+        for _ in of:
             result = next(tracked, None)
             if result is not None and result.error is not None:
                 raise result.error
             if result is None or result.tracks[0].interrupted:
                 raise KeyboardInterrupt
-            errors.append(float(-np.mean(result.tracks[0].diagnostics["best_log_weight"])))
+            shown = result.tracks[0].diagnostics
+            misfit = float(np.mean(shown["misfit"]))
+            costs.append(float(-np.mean(shown["best_log_weight"])) * misfit**MISFIT_POWER)
             joints.append(result.tracks[0].joints)
-        least = int(np.argmin(errors))
+        least = int(np.argmin(costs))
         apart = np.linalg.norm(np.stack(joints) - joints[least], axis=-1).mean((1, 2)) > SAME_PLACE
-        rival = float(np.min(np.array(errors)[apart], initial=np.inf)) / errors[least]
-        best = replace(starts[least], rival=rival, rivals=())
-        task = replace(started[number].task, body=best.body, pose=best.pose)
-        chosen[number] = replace(started[number], start=best, task=task)
+        rival = float(np.min(np.array(costs)[apart], initial=np.inf)) / costs[least]
+        start, task = of[least]
+        start = replace(start, rival=rival, rivals=())
+        chosen[number] = replace(started[number], task=task, start=start, others=())
     return chosen
 
 
@@ -328,11 +344,11 @@ def compare_passes(first: Track, second: Track) -> Track:
     return replace(second, diagnostics={**stated, passes: joined}).judged
 
 
-def _find_start(
-    session: Session, settings: TakeSettings, progress: Callable[[], object]
-) -> tuple[int, Start]:
-    """Return the start, and its frame, in the first of the likely frames in which there is one with
-    a heading that is not ambiguous; without any, the least ambiguous one."""
+def _find_starts(
+    session: Session, settings: TakeSettings, number: int, progress: Callable[[], object]
+) -> list[tuple[int, Start]]:
+    """Return the starts in the likeliest frames, at most a `number` of them, with their frames; the
+    least ambiguous one first."""
     starts: list[tuple[int, Start]] = []
     failed: StartError | None = None
     for frame in rank_starts(session, progress):
@@ -347,11 +363,11 @@ def _find_start(
             failed = failed or error
             continue
         starts.append((frame, start))
-        if not start.is_ambiguous:
+        if len(starts) == number:
             break
     if not starts:
         raise failed or StartError("no start was tried; expected frames with a person")
-    return max(starts, key=lambda each: each[1].rival)
+    return sorted(starts, key=lambda each: -each[1].rival)
 
 
 def rank_starts(session: Session, progress: Callable[[], object] | None = None) -> list[int]:

@@ -19,7 +19,7 @@ from apf.tracking.pipeline import Tracked, TrackingTask
 from apf.tracking.take import (
     StartedTake,
     Take,
-    choose_headings,
+    choose_starts,
     complete_take,
     rank_starts,
     track_again,
@@ -119,24 +119,34 @@ def test_headings_are_not_compared_by_tracks_that_ended_early(
     start = replace(found, rivals=(found,))
     task = TrackingTask(start.body, start.pose, Method(), [0])
     with pytest.raises(type(ended)):
-        choose_headings([StartedTake(session_of({}), task, start, personal=True)])
+        choose_starts([StartedTake(session_of({}), task, start, personal=True)])
 
 
-def test_the_take_decides_between_headings(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_take_decides_between_starts(monkeypatch: pytest.MonkeyPatch) -> None:
+    """They have other headings, or are in another frame. Cost is error times a power of misfit."""
     track = walker()
 
-    def with_error(error: float, off: float) -> Tracked:
-        weights = {**track.diagnostics, "best_log_weight": np.full((len(track), 1), -error)}
-        return Tracked([replace(track, joints=track.joints + off, diagnostics=weights)])
+    def with_error(error: float, misfit: float, off: float) -> Tracked:
+        shown = {
+            "best_log_weight": np.full((len(track), 1), -error),
+            "misfit": np.full(len(track), misfit),
+        }
+        diagnostics = {**track.diagnostics, **shown}
+        return Tracked([replace(track, joints=track.joints + off, diagnostics=diagnostics)])
 
-    results = [with_error(20.0, 0.0), with_error(16.0, 1.0), with_error(17.0, 1.01)]
+    results = [with_error(20.0, 0.2, 0.0), with_error(16.0, 0.2, 1.0), with_error(17.0, 0.2, 1.01)]
     monkeypatch.setattr(take, "track_people", lambda *args: results)
     starts = [Start(track.its_body, track.poses[k], 1.1, 1.7, 1.0) for k in range(3)]
-    start = replace(starts[0], rivals=tuple(starts[1:]))
-    task = TrackingTask(start.body, start.pose, Method(), [0])
-    others = StartedTake(session_of({}), task, replace(start, rivals=()), personal=True)
-    both = [others, StartedTake(session_of({}), task, start, personal=True)]
-    first, chosen = choose_headings(both)
-    assert first is others
-    assert chosen.start is not None and chosen.start.rival == 20 / 16  # the third is the same track
+    start = replace(starts[0], rivals=(starts[1],))
+    task = TrackingTask(start.body, start.pose, Method(), [0], frame=4)
+    alone = StartedTake(session_of({}), task, replace(start, rivals=()), personal=True)
+    both = [alone, StartedTake(session_of({}), task, start, True, ((7, starts[2]),))]
+    first, chosen = choose_starts(both)
+    assert first is alone
+    assert chosen.start is not None  # the third is the same track
+    assert chosen.start.rival == pytest.approx(20 / 16)
     np.testing.assert_array_equal(chosen.task.pose, track.poses[1])
+    results[1] = with_error(16.0, 0.4, 1.0)
+    _, chosen = choose_starts(both)
+    np.testing.assert_array_equal(chosen.task.pose, track.poses[2])
+    assert chosen.task.frame == 7 and not chosen.others
