@@ -125,29 +125,33 @@ def find_covered(
     deviation of the empty scene in the frames' light, if it was filmed.
 
     The background is at first the median or, if people stay in a place and are thus in the median,
-    the film; without one, it is extrapolated from around all that moves and what is below, since
-    people stand on the floor. That one is taken in which the cameras agree better.
+    the film; without one, it is extrapolated from around all that moves. That one is taken in which
+    the cameras agree better. Who stays in a place stands on the floor: below what moves, too.
     """
     moving = np.stack(list(pool.map(find_moving_region, frames)))
     moments = list(pool.map(median_moments, frames))
     films = [None] * len(rig) if film is None else [(mean, std) for mean, std in film]
     still = Rays(rig, moving)
 
-    def begin(from_median: bool) -> tuple[Coverage, list[PixelDensities], np.ndarray]:
-        rays, changes = still, moving
-        if film is not None:
-            # Somebody who sits moves in some views, or in none.
-            seeds = moving | ~rays.regions.any((1, 2), keepdims=True)
-            changes = np.stack(list(pool.map(_find_changes, seeds, moments, films)))
-        if not from_median:
-            rays = Rays(rig, changes, _FLOOR)
+    def begin(start: tuple[Rays, bool]) -> tuple[Coverage, list[PixelDensities], np.ndarray]:
+        rays, from_median = start
         learn = partial(PixelDensities, from_median=from_median)
         densities = list(pool.map(learn, frames, rays.regions, moments, films))
         coverage = Coverage(rays)
         return coverage, densities, _update(coverage, densities, pool)
 
-    begun = map_in_threads(begin, (True, False))
-    return _maximise(*max(begun, key=lambda result: result[0].agreement), pool)
+    around = still
+    if film is not None:
+        # Somebody who sits moves in some views, or in none.
+        seeds = moving | ~still.regions.any((1, 2), keepdims=True)
+        changes = np.stack(list(pool.map(_find_changes, seeds, moments, films)))
+        around = Rays(rig, changes, _FLOOR)
+    median, other = map_in_threads(begin, ((still, True), (around, False)))
+    if median[0].agreement >= other[0].agreement:
+        return _maximise(*median, pool)
+    if film is None:
+        other = begin((Rays(rig, moving, _FLOOR), False))
+    return _maximise(*other, pool)
 
 
 def _find_changes(seeds: np.ndarray, moments: Moments, film: Moments) -> np.ndarray:
