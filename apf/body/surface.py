@@ -120,8 +120,8 @@ def paint(
         vertices = mesh.posed(body, pose[None])[0][0]
         return np.asarray(colours[scipy.spatial.cKDTree(points).query(vertices)[1]])
 
-    seen = np.stack(list(map_in_threads(look, zip(poses, clouds, strict=True))))
-    return stack_median(seen).astype(np.uint8)
+    painted = np.stack(list(map_in_threads(look, zip(poses, clouds, strict=True))))
+    return stack_median(painted).astype(np.uint8)
 
 
 def normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:

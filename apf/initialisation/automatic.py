@@ -36,7 +36,7 @@ _BACKWARDS, _LEAST_WAY = 0.25, 0.25
 _CLOSE = 1.4
 #: Power of the misfit in the cost: a limb in the air costs little in the pictures; the voxels show
 #: better where it is.
-MISFIT_POWER = 0.3
+_MISFIT_POWER = 0.3
 #: Misfit, see `apf.likelihood.base`, above which no body was found.
 _HOPELESS = 0.9
 #: Steps of a body's fit: seven more lower the cost by 2 %.
@@ -248,8 +248,7 @@ class _Search:
         poses = np.stack([estimate.pose for estimate in estimates])
         errors = [estimate.least_error[-1] for estimate in estimates]
         misfit = float(np.mean([estimate.misfit for estimate in estimates]))
-        factor = misfit**MISFIT_POWER * walking_factor(self.body, poses, self._way)
-        cost = float(np.mean(errors)) * factor
+        cost = fit_cost(errors, misfit) * walking_factor(self.body, poses, self._way)
         return Hypothesis(shape, poses, misfit, cost, int(np.argmin(errors)))
 
     @property
@@ -306,6 +305,11 @@ def forward(body: BodyModel, pose: np.ndarray) -> np.ndarray:
     """Return the (2,) horizontal direction, of length 1, in which the root's x axis points."""
     direction = bone_matrices(body, pose[None])[0][0, 0, :2, 0]
     return direction / np.linalg.norm(direction)
+
+
+def fit_cost(errors: np.ndarray | Sequence[float], misfit: float) -> float:
+    """Return the cost of poses with these errors, see `Likelihood.errors`, and this mean misfit."""
+    return float(np.mean(errors)) * misfit**_MISFIT_POWER
 
 
 def walking_factor(body: BodyModel, poses: np.ndarray, way: np.ndarray) -> float:

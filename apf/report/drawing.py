@@ -226,10 +226,10 @@ def write_overlay(
     steps = np.diff(frames)
     step = max(1.0, float(np.median(steps)) if steps.size else 1.0)
     window = find_window(sequence.rig, figures)
-    shown = sequence.select_frames(check_indices(sequence, frames))
+    pictures = sequence.select_frames(check_indices(sequence, frames))
     draw = partial(draw_mosaic, rig=sequence.rig, figures=figures, window=window)
     with write_video(path, max(1.0, everybody[0].fps / step)) as video:
-        for mosaic in map_in_threads(draw, shown):
+        for mosaic in map_in_threads(draw, pictures):
             video.write(mosaic)
             if progress is not None:
                 progress()

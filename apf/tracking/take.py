@@ -18,7 +18,7 @@ from apf.body.limbs import limb_ends
 from apf.body.model import BodyModel
 from apf.filters.method import Method
 from apf.filters.term_weights import list_comparing_weights
-from apf.initialisation.automatic import MISFIT_POWER
+from apf.initialisation.automatic import fit_cost
 from apf.initialisation.config import StartConfig
 from apf.initialisation.from_keypoints import KeypointStart, start_from_keypoints
 from apf.initialisation.kept_voxels import LEAST_VOXELS, select_person_points
@@ -142,8 +142,7 @@ def start_take(
     personal = body_and_pose is None and method.goes_back and not settings.keep_shape
     if body_and_pose is None:
         report("start")
-        n_starts = _STARTS if personal else 1
-        (frame, start), *others = _find_starts(session, settings, n_starts, lambda: report("start"))
+        (frame, start), *others = _find_starts(session, settings, personal, lambda: report("start"))
         body_and_pose = start.body, start.pose
     body, pose = body_and_pose
     if method.uses_voxels and start is None:
@@ -223,43 +222,37 @@ def choose_starts(
     """Return the starts, or in place of one that of its rivals, with another heading or in another
     frame, whose body fits best to the whole take: all are tracked in one direction, together. The
     `rival` of a start is then that of the take. Raises UserError and KeyboardInterrupt."""
-    chosen, candidates = list(started), dict[int, list[tuple[Start, TrackingTask]]]()
-    for number, each in enumerate(started):
-        if each.start is None or not each.personal:
+    chosen, candidates = list(started), dict[int, list[StartedTake]]()
+    runs = list[TrackingRun]()
+    for number, take in enumerate(started):
+        if take.start is None or not take.personal or not (take.start.rivals or take.others):
             continue
-        starts = [(each.task.frame, start) for start in (each.start, *each.start.rivals)]
-        candidates[number] = [
-            (start, replace(each.task, body=start.body, pose=start.pose, frame=frame))
-            for frame, start in (*starts, *each.others)
-        ]
-    compared = {number: of for number, of in candidates.items() if len(of) > 1}
-    runs = [
-        TrackingRun(
-            started[number].session,
-            replace(task, method=task.method.replace(both_ways=False), seeds=task.seeds[:1]),
-        )
-        for number, of in compared.items()
-        for _, task in of
-    ]
+        task, candidates[number] = take.task, []
+        here = [(task.frame, start) for start in (take.start, *take.start.rivals)]
+        for frame, start in (*here, *take.others):
+            rival = replace(task, body=start.body, pose=start.pose, frame=frame)
+            candidates[number].append(replace(take, task=rival, start=start, others=()))
+            method, seeds = task.method.replace(both_ways=False), task.seeds[:1]
+            runs.append(TrackingRun(take.session, replace(rival, method=method, seeds=seeds)))
     tracked = iter(track_people(runs, progress) if runs else ())
-    for number, of in compared.items():
+    for number, rivals in candidates.items():
         costs, joints = list[float](), list[np.ndarray]()
-        for _ in of:
+        for _ in rivals:
             result = next(tracked, None)
             if result is not None and result.error is not None:
                 raise result.error
             if result is None or result.tracks[0].interrupted:
                 raise KeyboardInterrupt
-            shown = result.tracks[0].diagnostics
-            misfit = float(np.mean(shown["misfit"]))
-            costs.append(float(-np.mean(shown["best_log_weight"])) * misfit**MISFIT_POWER)
+            diagnostics = result.tracks[0].diagnostics
+            misfit = float(np.mean(diagnostics["misfit"]))
+            costs.append(fit_cost(-diagnostics["best_log_weight"], misfit))
             joints.append(result.tracks[0].joints)
         least = int(np.argmin(costs))
         apart = np.linalg.norm(np.stack(joints) - joints[least], axis=-1).mean((1, 2)) > SAME_PLACE
-        rival = float(np.min(np.array(costs)[apart], initial=np.inf)) / costs[least]
-        start, task = of[least]
-        start = replace(start, rival=rival, rivals=())
-        chosen[number] = replace(started[number], task=task, start=start, others=())
+        ratio = float(np.min(np.array(costs)[apart], initial=np.inf)) / costs[least]
+        best = rivals[least]
+        assert best.start is not None
+        chosen[number] = replace(best, start=replace(best.start, rival=ratio, rivals=()))
     return chosen
 
 
@@ -345,10 +338,11 @@ def compare_passes(first: Track, second: Track) -> Track:
 
 
 def _find_starts(
-    session: Session, settings: TakeSettings, number: int, progress: Callable[[], object]
+    session: Session, settings: TakeSettings, compared: bool, progress: Callable[[], object]
 ) -> list[tuple[int, Start]]:
-    """Return the starts in the likeliest frames, at most a `number` of them, with their frames; the
-    least ambiguous one first."""
+    """Return starts and their frames, the likeliest frames with one: `_STARTS` of them if they are
+    `compared` afterwards, else up to the first whose heading is not ambiguous. The least ambiguous
+    one comes first."""
     starts: list[tuple[int, Start]] = []
     failed: StartError | None = None
     for frame in rank_starts(session, progress):
@@ -363,7 +357,7 @@ def _find_starts(
             failed = failed or error
             continue
         starts.append((frame, start))
-        if len(starts) == number:
+        if len(starts) == _STARTS if compared else not start.is_ambiguous:
             break
     if not starts:
         raise failed or StartError("no start was tried; expected frames with a person")

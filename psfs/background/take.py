@@ -140,13 +140,13 @@ def find_covered(
         coverage = Coverage(rays)
         return coverage, densities, _update(coverage, densities, pool)
 
-    around = still
+    changed = still
     if film is not None:
         # Somebody who sits moves in some views, or in none.
         seeds = moving | ~still.regions.any((1, 2), keepdims=True)
         changes = np.stack(list(pool.map(_find_changes, seeds, moments, films)))
-        around = Rays(rig, changes, _FLOOR)
-    median, other = map_in_threads(begin, ((still, True), (around, False)))
+        changed = Rays(rig, changes, _FLOOR)
+    median, other = map_in_threads(begin, ((still, True), (changed, False)))
     if median[0].agreement >= other[0].agreement:
         return _maximise(*median, pool)
     if film is None:

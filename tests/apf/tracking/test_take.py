@@ -127,11 +127,11 @@ def test_the_take_decides_between_starts(monkeypatch: pytest.MonkeyPatch) -> Non
     track = walker()
 
     def with_error(error: float, misfit: float, off: float) -> Tracked:
-        shown = {
+        changed = {
             "best_log_weight": np.full((len(track), 1), -error),
             "misfit": np.full(len(track), misfit),
         }
-        diagnostics = {**track.diagnostics, **shown}
+        diagnostics = {**track.diagnostics, **changed}
         return Tracked([replace(track, joints=track.joints + off, diagnostics=diagnostics)])
 
     results = [with_error(20.0, 0.2, 0.0), with_error(16.0, 0.2, 1.0), with_error(17.0, 0.2, 1.01)]

@@ -70,11 +70,11 @@ def test_false_detections_are_left_out() -> None:
 
 def test_a_camera_that_was_moved_is_named() -> None:
     """cam03 is moved by 4 cm in frame 18 of 30; the others are as accurate as without it."""
-    target, places = WAND, poses(WAND, 30)
+    target, wand_poses = WAND, poses(WAND, 30)
     later = [*FOUR]
     later[2] = made.moved(FOUR[2], np.array([0.03, 0.0, 0.026]))
-    sightings = made.sighted(target, FOUR, places)
-    other = made.sighted(target, later, places)
+    sightings = made.sighted(target, FOUR, wand_poses)
+    other = made.sighted(target, later, wand_poses)
     sightings = [s for s in sightings if s.view != 2 or s.frame < 18]
     sightings += [s for s in other if s.view == 2 and s.frame >= 18]
     result = calibration_of(target, sightings, FOUR)
