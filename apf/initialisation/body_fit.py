@@ -27,6 +27,7 @@ from apf.initialisation.shape_model import (
     inner_axes,
     nearest_coordinates,
     place_points,
+    shift_bones,
     surface_samples,
 )
 from psfs.cameras.camera import CameraRig
@@ -309,20 +310,19 @@ class PointEvidence:
         n_frames, n_points = points.shape[:2]
         body = model.body(at.shape)
         number, signs = self.mirrors
+        rotations = bone_matrices(body, at.poses)[0]
+        turned, offset = rotations[:, self.bone], signs * at.offsets[number]
+        growing = turned @ (self.positions(model, at) - offset)[:, :, None]
         by_pose = bone_point_jacobian(body, at.poses, self.bone, points).swapaxes(2, 3)
-        by_offset = bone_matrices(body, at.poses)[0][:, self.bone] * signs[:, None]
-        by_shape = np.zeros((*points.shape, len(at.shape)))
-        step = 1e-5  # small against any scale, large against float64's resolution
-        for scale in np.flatnonzero(model.moves_points):
-            moved = at.shape + step * np.eye(len(at.shape))[scale]
-            other = self.locate(model, Fitted(moved, at.poses, at.offsets))
-            by_shape[..., scale] = (other - points) / step
+        shifts = shift_bones(body, model.on_bone, rotations)[:, :, self.bone]
+        by_shape = shifts + model.on_bone[:, self.bone, None] * growing[:, None, :, :, 0]
+        by_offset = turned * signs[:, None]
         frame, point = np.divmod(np.arange(n_frames * n_points), n_points)
         slopes = [
             Slope(name, items, values.reshape(len(frame), 3, -1))
             for name, items, values in (
                 ("poses", frame, by_pose),
-                ("shape", 0 * frame, by_shape),
+                ("shape", 0 * frame, np.moveaxis(by_shape, 1, 3)),
                 ("offsets", number[point], by_offset),
             )
         ]

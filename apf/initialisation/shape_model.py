@@ -21,6 +21,7 @@ class ShapeModel:
 
     `deviation`: (S,) standard deviation of the prior around 0. `moves_points`: (S,) bool, the
     scales that move joints and other points of the body; the others are of its thickness.
+    `on_bone`: (S, B), those that act on whatever is fixed to a bone.
     """
 
     def __init__(self, template: BodyModel) -> None:
@@ -34,9 +35,7 @@ class ShapeModel:
         bones = np.array([sideless(bone.name) for bone in template.bones])
         cones = np.array([sideless(cone.name) for cone in template.cones])
         n_bones, n_cones = len(bones), len(cones)
-        # (S, B) and (S, C): the scales that act on whatever is fixed to a bone, and on the radii of
-        # a cone.
-        self._on_bone = np.concatenate(
+        self.on_bone = np.concatenate(
             [
                 np.ones((1, n_bones)),
                 np.zeros((1, n_bones)),
@@ -44,6 +43,7 @@ class ShapeModel:
                 np.zeros((len(self.radii), n_bones)),
             ]
         )
+        # (S, C): the scales that act on the radii of a cone.
         self._on_radii = np.concatenate(
             [
                 np.ones((2, n_cones)),
@@ -67,12 +67,12 @@ class ShapeModel:
         with respect to the log of each scale, in poses (M, D). `body` is the template with some
         scales."""
         rotations, origins = bone_matrices(body, poses)
-        shifts = shift_bones(body, self._on_bone, rotations)
+        shifts = shift_bones(body, self.on_bone, rotations)
         bones = [cone.bone for cone in body.cones]
         grown = np.empty((*shifts.shape[:2], len(bones), 8))
         for end in (0, 4):
             fixed = cones[:, :, end : end + 3] - origins[:, bones]
-            own = self._on_bone[:, bones, None] * fixed[:, None]
+            own = self.on_bone[:, bones, None] * fixed[:, None]
             grown[..., end : end + 3] = shifts[:, :, bones] + own
             grown[..., end + 3] = self._on_radii * cones[:, None, :, end + 3]
         return grown
