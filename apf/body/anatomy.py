@@ -9,6 +9,8 @@ segments that are not limbs take their directions from the body standing upright
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 
 from apf.body.kinematics import bone_matrices, posed_joints
@@ -35,6 +37,7 @@ def anatomical_frames(body: BodyModel, poses: np.ndarray) -> dict[str, np.ndarra
     }
 
 
+@lru_cache
 def segment_frames(body: BodyModel) -> dict[str, tuple[int, np.ndarray]]:
     """Return for each segment its bone and its anatomical frame (3, 3) in that bone's frame."""
     bone_of = {joint.name: joint.bone for joint in body.joints}

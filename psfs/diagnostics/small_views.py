@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import cv2
 import numpy as np
@@ -17,6 +18,7 @@ from psfs.background.gaussian import Background, stack_median
 from psfs.cameras.camera import CameraRig
 from psfs.common.numbers import pick_evenly
 from psfs.common.pictures import scale_picture
+from psfs.common.progress import map_in_threads
 from psfs.footage.threads import prefetch
 from psfs.output.preview import tile_pictures
 from psfs.sequence import Frame, Sequence
@@ -109,26 +111,33 @@ def small_views(
     frames = frames or _select_frames(sequence)
     kept_frames = pick_evenly(len(frames))
     backgrounds = None if background is None else _grey(background.mean.astype(np.uint8))
-    outlines, foreground, gains, changes, masks, pictures = [], [], [], [], [], []
+
+    def measure(shown: tuple[np.ndarray | None, np.ndarray]) -> tuple[Any, ...]:
+        images, silhouettes = shown
+        pairs = list(zip(shrink.small, silhouettes, strict=True))
+        outlines = [extract_outline(mask[: c.size[1], : c.size[0]]) for c, mask in pairs]
+        foreground = [np.count_nonzero(mask) / np.prod(c.size) for c, mask in pairs]
+        grey = None if images is None else _grey(images)
+        return outlines, foreground, _gains(grey, backgrounds, silhouettes), silhouettes, grey
+
+    rows, changes, masks, pictures = list[list[Any]](), [], [], []
     before: np.ndarray | None = None
     small_frames = shrink.frames(sequence.frames(slice(frames.start, frames.stop)))
-    for number, (small, evidence) in enumerate(compute_ahead(small_frames, begin)):
-        silhouettes = evidence > 0
-        pairs = list(zip(shrink.small, silhouettes, strict=True))
-        outlines.append([extract_outline(mask[: c.size[1], : c.size[0]]) for c, mask in pairs])
-        foreground.append([np.count_nonzero(mask) / np.prod(c.size) for c, mask in pairs])
-        grey = None if small.images is None else _grey(small.images)
-        gains.append(_gains(grey, backgrounds, silhouettes))
+    shown = ((small.images, counts > 0) for small, counts in compute_ahead(small_frames, begin))
+    for number, measured in enumerate(map_in_threads(measure, shown)):
+        *row, silhouettes, grey = measured
+        rows.append(row)
         now = silhouettes.view(np.uint8) * np.uint8(255) if grey is None else grey
         changes.append(_count_changes(now, now if before is None else before))
         before = now
         if number in kept_frames:
             masks.append(silhouettes)
             pictures.append(grey)
+    outlines, foreground, gains = map(list, zip(*rows, strict=True))
     return SmallViews(
         shrink.small, frames, outlines, np.array(foreground), np.array(gains), np.array(changes),
         backgrounds, kept_frames + frames.start, np.stack(masks),
-        None if pictures[0] is None else np.stack(pictures),  # type: ignore[arg-type]
+        None if pictures[0] is None else np.stack(pictures),
     )  # fmt: skip
 
 

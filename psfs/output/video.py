@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from fractions import Fraction
 from pathlib import Path
 
+import cv2
 import numpy as np
 
 from cl import InputError
@@ -30,6 +31,7 @@ class Video:
         rate = Fraction(fps).limit_denominator(1001)
         self._stream = self._container.add_stream("libx264", rate=rate)
         self._stream.pix_fmt = "yuv420p"  # browsers play no other format
+        self._stream.thread_type = "FRAME"  # slices wait for each other
         self._stream.options = {  # with B frames x264 gives several files for the same pictures
             "crf": str(quality), "preset": "veryfast", "g": str(_KEY_FRAMES), "bf": "0"
         }  # fmt: skip
@@ -43,7 +45,8 @@ class Video:
         picture = _pad_to_even(picture)
         if not self.count:
             self._stream.height, self._stream.width = picture.shape[:2]
-        frame = av.VideoFrame.from_ndarray(picture, format="bgr24")
+        planes = np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2YUV_I420), np.uint8)
+        frame = av.VideoFrame.from_ndarray(planes, format="yuv420p")
         frame.pts = self.count
         self._container.mux(self._stream.encode(frame))
         self.count += 1
