@@ -68,9 +68,9 @@ def find_part(body: BodyModel, cone: int, share: float) -> int:
     if not shape.in_images:
         return -1
     axis = shape.end - shape.start
-    for joint in body.joints:
+    for joint in (each for each in body.joints if each.bone == shape.bone):
         at = float((joint.position - shape.start) @ axis / (axis @ axis))
-        if joint.bone == shape.bone and 0.5 < at < 1 and share > at and "head" in names:
+        if 0.5 < at < 1 and share > at and "head" in names:
             return names.index("head")
     return names.index(_strip_side(shape.name))
 

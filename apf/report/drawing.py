@@ -280,13 +280,15 @@ def _draw_cones(
         hull = cv2.convexHull(_to_fixed_point(rings[i] - low))
         cv2.fillConvexPoly(number, hull, k, cv2.LINE_8, _BITS)
     inside = number > 0
-    image[inside] = np.rint(0.84 * image[inside] + 0.16 * table[number[inside]])
-    lines, _ = cv2.findContours(inside.astype(np.uint8), cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
+    tinted = cv2.addWeighted(image, 0.84, table[number], 0.16, 0)
+    cv2.copyTo(tinted, inside.view(np.uint8), image)
+    lines, _ = cv2.findContours(inside.view(np.uint8), cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
     nearest = cv2.dilate(number, np.ones((rim, rim), np.uint8))
     for width in (rim, thickness):
         drawn = np.zeros(image.shape[:2], np.uint8)
         cv2.drawContours(drawn, lines, -1, 255, width)
-        image[drawn > 0] = _RIM if width == rim else table[nearest[drawn > 0]]
+        colour = np.full_like(image, _RIM) if width == rim else table[nearest]
+        cv2.copyTo(colour, drawn, image)
 
 
 def _draw_skeleton(
