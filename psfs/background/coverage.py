@@ -16,6 +16,8 @@ _VOXELS = 60_000
 #: Probability that a camera denies a voxel that is occupied, since a person is in its background,
 #: or looks like it: one camera of four may.
 _WRONGLY_DENIED = 0.1
+#: Span of a tall person's arms, m.
+_ARM_SPAN = 1.8
 #: Distance by which voxels reach beyond their projected edges, px: of a small picture's blur.
 _MARGIN = 1
 
@@ -78,10 +80,18 @@ class Rays:
 
 def _find_below(hull: np.ndarray, edge: float, floor: float) -> np.ndarray:
     """Return the centres (K, 3) of the voxels below the lowest of each column of the hull (N, 3),
-    down to the height `floor`."""
+    down to the height `floor`, where the hull is no
+    wider than an arm span: who walks about is not in the median."""
+    if not len(hull):
+        return hull
     ascending = hull[np.argsort(hull[:, 2], kind="stable")]
-    _, lowest = np.unique(np.round(ascending[:, :2] / edge), axis=0, return_index=True)
-    feet = ascending[lowest]
+    cells = np.round((ascending[:, :2] - hull[:, :2].min(0)) / edge).astype(int)
+    columns, lowest = np.unique(cells, axis=0, return_index=True)
+    plan = np.zeros(columns.max(0) + 1, np.uint8)
+    plan[tuple(columns.T)] = 1
+    _, parts, sizes, _ = cv2.connectedComponentsWithStats(plan)
+    widths = edge * sizes[:, [cv2.CC_STAT_WIDTH, cv2.CC_STAT_HEIGHT]].max(1)
+    feet = ascending[lowest][widths[parts[tuple(columns.T)]] < _ARM_SPAN]
     n_steps = int(max(feet[:, 2].max(initial=-np.inf) - floor, 0) / edge)
     down = np.arange(1, n_steps + 1)[:, None, None] * np.array([0, 0, edge])
     below = (feet - down).reshape(-1, 3)
@@ -103,8 +113,9 @@ class _ViewRays:
 
 
 class Coverage:
-    """Estimates who covers which pixel. agreement: the share of the pixels that look like a person
-    or that the other cameras take for one, in which both do."""
+    """Estimates who covers which pixel. agreement: correlation of the pixels that look like a
+    person with those that the other cameras take for one, the mean over the cameras: a mask that
+    is larger agrees no better by chance."""
 
     def __init__(self, rays: Rays) -> None:
         self._rays, self.agreement = rays, 0.0
@@ -127,13 +138,18 @@ class Coverage:
         for voxels, nats in views:
             total[:, voxels] += nats
 
-        def ask_others(view: int) -> tuple[np.ndarray, int, int]:
+        def ask_others(view: int) -> tuple[np.ndarray, float]:
             voxels, nats = views[view]
             others = rays.project(view, total[:, voxels] - nats)
-            person, meet = evidence[view] > 0, others > 0
-            alike, either = np.count_nonzero(person & meet), np.count_nonzero(person | meet)
-            return evidence[view] + others > 0, int(alike), int(either)
+            return evidence[view] + others > 0, _correlate(evidence[view] > 0, others > 0)
 
-        covered, alike, either = zip(*pool.map(ask_others, range(len(rays))), strict=True)
-        self.agreement = sum(alike) / max(1, sum(either))
+        covered, agreements = zip(*pool.map(ask_others, range(len(rays))), strict=True)
+        self.agreement = float(np.mean(agreements))
         return np.stack(covered)
+
+
+def _correlate(first: np.ndarray, second: np.ndarray) -> float:
+    """Return the correlation coefficient of two masks, 0 if either is the same everywhere."""
+    both, a, b = (float(np.mean(mask)) for mask in (first & second, first, second))
+    spread = a * (1 - a) * b * (1 - b)
+    return (both - a * b) / spread**0.5 if spread else 0.0

@@ -67,7 +67,8 @@ class PixelDensities:
     frames: (n, h, w, 3) uint8. region: (h, w) bool, beyond which nobody is. moments: the frames'.
     from_median: whether they are the background at first; else it is the `film` of the empty scene
     or, without one, extrapolated from the nearest pixels outside of the region on either side,
-    above and below. same: (h, w) bool, where the film holds.
+    above and below. same: (h, w) bool, where the film holds. known: (h, w) bool, where frames show
+    the background.
 
     All densities are relative to the uniform one, which is the person's at first.
     """
@@ -89,32 +90,36 @@ class PixelDensities:
         self._unseen = self._surrounding_density(self._shown)
         self._person = np.ones(N_BINS, np.float32)
         self._moments = moments[0].copy(), moments[1].copy()
-        self._count = len(frames) * (from_median | ~region)
-        self._update()
+        self.known = from_median | ~region
+        self._update(np.zeros((1, len(self._pixels)), bool))
 
     def learn(self, covered: np.ndarray) -> np.ndarray:
         """Learn the background from the frames in which a pixel is not `covered` (n, h, w). Return
         the histogram of those that are, see `count_colours`."""
-        region = self._region
-        moments = masked_moments(self._frames, self._inside(covered))
-        for values, new in zip((*self._moments, self._count), moments, strict=True):
+        region, inside = self._region, self._inside(covered)
+        mean, std, count = masked_moments(self._frames, inside)
+        for values, new in zip((*self._moments, self.known), (mean, std, count > 0), strict=True):
             values[region] = new
-        self._update()
+        self._update(inside)
         return self.count_colours(covered)
 
-    def _update(self) -> None:
-        region, (mean, std), count = self._region, self._moments, self._count
+    def _update(self, covered: np.ndarray) -> None:
+        """Update the density of the background. Frames in which a pixel has the same colour show
+        the same: what is `covered` (n, pixels) in most of them is no background."""
+        region, (mean, std), known = self._region, self._moments, self.known
         self.same = np.zeros(region.shape, bool)
         if self._film is not None:
-            self.same = find_same(mean, std, self._film) | (count == 0)
+            self.same = find_same(mean, std, self._film) | ~known
             mean, std = (
                 np.where(self.same[..., None], *both)
                 for both in zip(self._film, (mean, std), strict=True)
             )
-            count = np.where(self.same, 1, count)
         estimated = _background_density(self._shown, mean[region], std[region])
+        alike = estimated > np.maximum(self._unseen, 1)
+        known[region] &= 2 * (alike & covered).sum(0) <= alike.sum(0)
+        known |= self.same
         mixed = (1 - _UNEXPLAINED) * estimated + _UNEXPLAINED * self._unseen
-        self._background = np.where(count[region] > 0, mixed, self._unseen)
+        self._background = np.where(known[region], mixed, self._unseen)
 
     def learn_person(self, histograms: list[np.ndarray]) -> None:
         """Take the colours of the cameras' histograms (N_BINS,) for the person's. Each camera

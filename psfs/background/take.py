@@ -18,6 +18,7 @@ from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
+from operator import itemgetter
 
 import cv2
 import numpy as np
@@ -125,33 +126,30 @@ def find_covered(
     deviation of the empty scene in the frames' light, if it was filmed.
 
     The background is at first the median or, if people stay in a place and are thus in the median,
-    the film; without one, it is extrapolated from around all that moves. That one is taken in which
-    the cameras agree better. Who stays in a place stands on the floor: below what moves, too.
+    the film; without one, it is extrapolated from around all that moves, and below it down to the
+    floor, on which somebody who stays in a place stands. That one is taken with which the cameras
+    agree better in the end.
     """
     moving = np.stack(list(pool.map(find_moving_region, frames)))
     moments = list(pool.map(median_moments, frames))
     films = [None] * len(rig) if film is None else [(mean, std) for mean, std in film]
     still = Rays(rig, moving)
-
-    def begin(start: tuple[Rays, bool]) -> tuple[Coverage, list[PixelDensities], np.ndarray]:
-        rays, from_median = start
-        learn = partial(PixelDensities, from_median=from_median)
-        densities = list(pool.map(learn, frames, rays.regions, moments, films))
-        coverage = Coverage(rays)
-        return coverage, densities, _update(coverage, densities, pool)
-
-    changed = still
+    changes = moving
     if film is not None:
         # Somebody who sits moves in some views, or in none.
         seeds = moving | ~still.regions.any((1, 2), keepdims=True)
         changes = np.stack(list(pool.map(_find_changes, seeds, moments, films)))
-        changed = Rays(rig, changes, _FLOOR)
-    median, other = map_in_threads(begin, ((still, True), (changed, False)))
-    if median[0].agreement >= other[0].agreement:
-        return _maximise(*median, pool)
-    if film is None:
-        other = begin((Rays(rig, moving, _FLOOR), False))
-    return _maximise(*other, pool)
+    changed = Rays(rig, changes, _FLOOR)
+
+    def label(rays: Rays) -> tuple[float, list[Labels]]:
+        learn = partial(PixelDensities, from_median=rays is still)
+        densities = list(pool.map(learn, frames, rays.regions, moments, films))
+        coverage = Coverage(rays)
+        labels = _maximise(coverage, densities, pool)
+        return coverage.agreement, labels
+
+    starts = map_in_threads(label, (still, changed))
+    return max(starts, key=itemgetter(0))[1]
 
 
 def _find_changes(seeds: np.ndarray, moments: Moments, film: Moments) -> np.ndarray:
@@ -171,14 +169,10 @@ def _update(
 
 
 def _maximise(
-    coverage: Coverage,
-    densities: list[PixelDensities],
-    covered: np.ndarray,
-    pool: ThreadPoolExecutor,
+    coverage: Coverage, densities: list[PixelDensities], pool: ThreadPoolExecutor
 ) -> list[Labels]:
-    """Alternate between what is behind and who covers which pixel until nothing changes.
-
-    covered: (V, n, h, w) bool, at first."""
+    """Alternate between what is behind and who covers which pixel until nothing changes."""
+    covered = _update(coverage, densities, pool)
     before = np.zeros_like(covered)
     for _ in range(_ROUNDS):
         if (covered != before).mean() < _CONVERGED:
@@ -188,7 +182,10 @@ def _maximise(
             of.learn_person(colours)
         before, covered = covered, _update(coverage, densities, pool)
     unseen = pool.map(PixelDensities.extrapolate, densities)
-    return list(map(Labels, covered, unseen, [of.same for of in densities]))
+    return [
+        Labels(mask | ~of.known, picture, of.same)
+        for of, mask, picture in zip(densities, covered, unseen, strict=True)
+    ]
 
 
 def _read_samples(

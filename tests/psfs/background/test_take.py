@@ -172,6 +172,17 @@ def test_the_persons_colours_are_found_although_the_median_shows_them() -> None:
     assert np.median(np.abs(extrapolated[person[0] & region][:, :3] - 120)) < 6
 
 
+def test_what_is_covered_in_most_frames_that_look_alike_is_no_background() -> None:
+    """The person, who hides a part always, is overlooked in some frames."""
+    frames, person = swaying()
+    search = densities(frames, person.any(0))
+    covered = person.copy()
+    covered[:4] = False
+    search.learn(covered)
+    assert not search.known[person.all(0)].any()
+    assert search.known[~person.any(0)].all()
+
+
 def test_others_cameras_say_where_the_person_is_who_hides_from_one() -> None:
     """In one camera the person looks like the background, in another something else moves. Where
     few other cameras look it may be a person."""
