@@ -222,5 +222,5 @@ def looks_again(first: bool, new: bool, config: AppearanceConfig) -> int:
 
 
 def follows(before: int, index: int, config: AppearanceConfig) -> bool:
-    """Return whether the frame `index` comes at most `max_gap` frames after the frame `before`."""
-    return 0 <= index - before <= config.max_gap
+    """Return whether the frames `before` and `index` are at most `max_gap` apart."""
+    return abs(index - before) <= config.max_gap
