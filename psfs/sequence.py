@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from copy import copy
 from dataclasses import dataclass, fields
 from functools import cached_property, partial
-from itertools import pairwise, product
+from itertools import product
 from multiprocessing.pool import ThreadPool
 from pathlib import Path
 from typing import TypeVar
@@ -198,18 +198,13 @@ class Sequence:
         At most 16 frames or 256 MiB are decoded ahead, but at least one. Raises InputError, naming
         file and frame, when one cannot be decoded.
         """
-        indices = range(len(self))[selection or slice(None)]
+        return self.select_frames(range(len(self))[selection or slice(None)])
+
+    def select_frames(self, indices: Items[int]) -> Iterator[Frame]:
+        """Yield the frames of these numbers as `frames` does."""
         nbytes = 4 * len(self.rig) * self.rig.width * self.rig.height
         depth = max(1, min(_QUEUE_FRAMES, _QUEUE_BYTES // nbytes))
         return prefetch(self._decode(indices), depth)
-
-    def select_frames(self, indices: Items[int]) -> Iterator[Frame]:
-        """Yield the frames of these numbers, decoded ahead of the caller if they are evenly spaced.
-        Raises InputError as `frames` does."""
-        steps = {second - first for first, second in pairwise(indices)}
-        if not len(indices) or len(steps) > 1 or min(steps, default=1) <= 0:
-            return map(self.read, indices)
-        return self.frames(slice(indices[0], indices[-1] + 1, min(steps, default=1)))
 
     @property
     def keeps_frames(self) -> bool:
@@ -359,7 +354,7 @@ class Sequence:
             for decoder in decoders:
                 decoder.close()
 
-    def _decode(self, indices: range) -> Generator[Frame, None, None]:
+    def _decode(self, indices: Items[int]) -> Generator[Frame, None, None]:
         """Decode frames in order."""
         with self.reader() as read:
             for index in indices:

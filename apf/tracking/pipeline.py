@@ -59,8 +59,9 @@ KeepParts: TypeAlias = Callable[[Items[Track]], "Items[Path] | None"]
 class TrackingTask:
     """A body to track, from `pose` (D,) on, by `method`, with one track for each of `seeds`.
     keypoints: returns the observed points of a frame, by its number. frame: number of the frame
-    that shows the pose, from which the body is tracked to both ends of the take; by default the
-    first one. tracked: the body in an earlier pass, as a prior of the silhouettes and voxels."""
+    that shows the pose, from which, or the next one of the session's, the body is tracked to both
+    ends of the take; by default the first one. tracked: the body in an earlier pass, as a prior of
+    the silhouettes and voxels."""
 
     body: BodyModel
     pose: np.ndarray
@@ -162,8 +163,10 @@ class _Person:
     def begin(self, backward: bool) -> bool:
         """Put new trackers at the first pose; return whether there are frames on this side."""
         task, session = self.run.task, self.run.session
-        first = 0 if task.frame is None else session.frames.index(task.frame)
-        self.frames = session.frames[:first][::-1] if backward else session.frames[first:]
+        frames = session.frames
+        ahead = 0 if task.frame is None else -((frames.start - task.frame) // frames.step)
+        first = min(ahead, len(frames) - 1)
+        self.frames = frames[:first][::-1] if backward else frames[first:]
         if not self.frames:
             return False
         methods = with_seeds(self._method, task.seeds)
@@ -252,17 +255,15 @@ def _observe_people(people: Items[_Person]) -> Iterator[tuple[int, list[Observat
     if not people:
         return
     session, task = people[0].run.session, people[0].run.task
-    ends = [end for person in people for end in (person.frames[0], person.frames[-1])]
-    step = people[0].frames.step
-    first, last = (min(ends), max(ends) + 1) if step > 0 else (max(ends), min(ends) - 1)
-    frames = range(first, last, step)
+    everything = {index for person in people for index in person.frames}
+    frames = sorted(everything, reverse=people[0].frames.step < 0)
     if all(person.run.session is session for person in people):
         alone = observations(session, task, frames)
         yield from ((index, [observation] * len(people)) for index, observation in alone)
         return
     divided: Iterator[tuple[int, Items[Shown]]]
     if isinstance(session, PersonSession) and task.method.uses_voxels:
-        everybody = observe_frames(session.joint.begin(), session.sequence.frames(_slice(frames)))
+        everybody = observe_frames(session.joint.begin(), session.sequence.select_frames(frames))
         divided = ((index, session.joint.divide(index)) for index, _ in everybody)
     else:
         divided = ((index, [None] * len(people)) for index in frames)
@@ -282,12 +283,8 @@ def _add_keypoints(task: TrackingTask, index: int, shown: Shown) -> Observation:
     return shown if task.keypoints is None else Observed(shown, task.keypoints(index))
 
 
-def _slice(frames: range) -> slice:
-    return slice(frames.start, frames.stop if frames.stop >= 0 else None, frames.step)
-
-
 def observations(
-    session: Session, task: TrackingTask, frames: range | None = None
+    session: Session, task: TrackingTask, frames: Items[int] | None = None
 ) -> Iterator[tuple[int, Observation]]:
     """Yield number and observation of `frames`, by default every frame of the session, with
     keypoints. Frames that the session is asked to keep are kept while they are carved."""
@@ -303,7 +300,7 @@ def observations(
         else:
             silhouette = session.reconstruction.silhouette
             observe = make_feature_observer(session.device, session, method.features, silhouette)
-        observed = observe_frames(observe, session.sequence.frames(_slice(frames)))
+        observed = observe_frames(observe, session.sequence.select_frames(frames))
         if method.uses_voxels and task.tracked is None:
             observed = _keep_in_session(session, observed)
     return ((index, _add_keypoints(task, index, shown)) for index, shown in observed)

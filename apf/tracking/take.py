@@ -48,6 +48,8 @@ Keep: TypeAlias = Callable[[BodyModel, np.ndarray, Items[Track]], "Items[Path] |
 #: Frames in which a start is sought at most, and starts, in frames apart, between which the whole
 #: take decides: a limb that one frame hides, another one shows.
 _TRIES, _STARTS = 3, 2
+#: Least rate, frames/s, at which every second frame is enough for that.
+_COMPARED_RATE = 20.0
 #: Share by which the qualities of frames differ that are alike: one person's voxels differ so.
 _ALIKE = 0.1
 #: Largest distance, m, of a given first pose from the volume.
@@ -220,20 +222,23 @@ def choose_starts(
     started: Items[StartedTake], progress: Callable[[str], object] | None = None
 ) -> list[StartedTake]:
     """Return the starts, or in place of one that of its rivals, with another heading or in another
-    frame, whose body fits best to the whole take: all are tracked in one direction, together. The
-    `rival` of a start is then that of the take. Raises UserError and KeyboardInterrupt."""
+    frame, whose body fits best to the whole take: all are tracked in one direction, together, in
+    every second frame. The `rival` of a start is then that of the take. Raises UserError and
+    KeyboardInterrupt."""
     chosen, candidates = list(started), dict[int, list[StartedTake]]()
     runs = list[TrackingRun]()
     for number, take in enumerate(started):
         if take.start is None or not take.personal or not (take.start.rivals or take.others):
             continue
-        task, candidates[number] = take.task, []
+        task, candidates[number], frames = take.task, [], take.session.frames
+        step = 2 if take.session.rate >= _COMPARED_RATE else 1
+        coarse = take.session.with_frames(frames[-frames.start % step :: step] or frames)
         here = [(task.frame, start) for start in (take.start, *take.start.rivals)]
         for frame, start in (*here, *take.others):
             rival = replace(task, body=start.body, pose=start.pose, frame=frame)
             candidates[number].append(replace(take, task=rival, start=start, others=()))
             method, seeds = task.method.replace(both_ways=False), task.seeds[:1]
-            runs.append(TrackingRun(take.session, replace(rival, method=method, seeds=seeds)))
+            runs.append(TrackingRun(coarse, replace(rival, method=method, seeds=seeds)))
     tracked = iter(track_people(runs, progress) if runs else ())
     for number, rivals in candidates.items():
         costs, joints = list[float](), list[np.ndarray]()
