@@ -22,6 +22,7 @@ from apf.initialisation.automatic import fit_cost
 from apf.initialisation.config import StartConfig
 from apf.initialisation.from_keypoints import KeypointStart, start_from_keypoints
 from apf.initialisation.kept_voxels import LEAST_VOXELS, select_person_points
+from apf.initialisation.load import add_load, find_load
 from apf.initialisation.personal import Outlines
 from apf.initialisation.sequence import initialise
 from apf.initialisation.start import Start, StartError, check_startable
@@ -50,6 +51,8 @@ Keep: TypeAlias = Callable[[BodyModel, np.ndarray, Items[Track]], "Items[Path] |
 _TRIES, _STARTS = 3, 2
 #: Least rate, frames/s, at which every second frame is enough for that.
 _COMPARED_RATE = 20.0
+#: Frames of the take in which what the person carries is sought.
+_LOAD_FRAMES = 20
 #: Share by which the qualities of frames differ that are alike: one person's voxels differ so.
 _ALIKE = 0.1
 #: Largest distance, m, of a given first pose from the volume.
@@ -79,13 +82,14 @@ class Take:
 class StartedTake:
     """A take whose body and first pose are known. start: the automatic start, None if they were
     given. personal: whether the body is fitted to the outlines of all frames. others: the starts in
-    other frames, with their numbers."""
+    other frames, with their numbers. settings: those of the take."""
 
     session: Session
     task: TrackingTask
     start: Start | None = None
     personal: bool = False
     others: tuple[tuple[int, Start], ...] = ()
+    settings: TakeSettings | None = None
 
 
 def track_take(
@@ -151,7 +155,7 @@ def start_take(
         check_first_pose(automatic_grid(session), body, pose, session.sequence.name)
     points = None if keypoint_fit is None else keypoint_fit.observations
     task = TrackingTask(body, pose, method, settings.run_seeds, points, frame)
-    return StartedTake(session, task, start, personal, tuple(others))
+    return StartedTake(session, task, start, personal, tuple(others), settings)
 
 
 def track_first(
@@ -223,12 +227,13 @@ def choose_starts(
 ) -> list[StartedTake]:
     """Return the starts, or in place of one that of its rivals, with another heading or in another
     frame, whose body fits best to the whole take: all are tracked in one direction, together, in
-    every second frame. The `rival` of a start is then that of the take. Raises UserError and
+    every second frame. The `rival` of a start is then that of the take. Who carries something has
+    it as a part of the body, with which the start is sought again. Raises UserError and
     KeyboardInterrupt."""
     chosen, candidates = list(started), dict[int, list[StartedTake]]()
     runs = list[TrackingRun]()
     for number, take in enumerate(started):
-        if take.start is None or not take.personal or not (take.start.rivals or take.others):
+        if take.start is None or not take.personal:
             continue
         task, candidates[number], frames = take.task, [], take.session.frames
         step = 2 if take.session.rate >= _COMPARED_RATE else 1
@@ -241,7 +246,7 @@ def choose_starts(
             runs.append(TrackingRun(coarse, replace(rival, method=method, seeds=seeds)))
     tracked = iter(track_people(runs, progress) if runs else ())
     for number, rivals in candidates.items():
-        costs, joints = list[float](), list[np.ndarray]()
+        costs, tracks = list[float](), list[Track]()
         for _ in rivals:
             result = next(tracked, None)
             if result is not None and result.error is not None:
@@ -251,14 +256,39 @@ def choose_starts(
             diagnostics = result.tracks[0].diagnostics
             misfit = float(np.mean(diagnostics["misfit"]))
             costs.append(fit_cost(-diagnostics["best_log_weight"], misfit))
-            joints.append(result.tracks[0].joints)
+            tracks.append(result.tracks[0])
         least = int(np.argmin(costs))
-        apart = np.linalg.norm(np.stack(joints) - joints[least], axis=-1).mean((1, 2)) > SAME_PLACE
+        joints = np.stack([track.joints for track in tracks])
+        apart = np.linalg.norm(joints - joints[least], axis=-1).mean((1, 2)) > SAME_PLACE
         ratio = float(np.min(np.array(costs)[apart], initial=np.inf)) / costs[least]
         best = rivals[least]
         assert best.start is not None
-        chosen[number] = replace(best, start=replace(best.start, rival=ratio, rivals=()))
+        best = replace(best, start=replace(best.start, rival=ratio, rivals=()))
+        chosen[number] = _start_with_load(best, tracks[least], progress)
     return chosen
+
+
+def _start_with_load(
+    started: StartedTake, track: Track, progress: Callable[[str], object] | None
+) -> StartedTake:
+    """Return a start that was sought again with what the person carries as a part of the body; the
+    same start if they carry nothing. track: of the start's body through the take."""
+    start, task, session, settings = started.start, started.task, started.session, started.settings
+    assert start is not None and task.frame is not None and settings is not None
+    rows = np.flatnonzero(~track.lost)
+    rows = rows[pick_evenly(len(rows), _LOAD_FRAMES)]
+    clouds = list(session.iterate_clouds(automatic_grid(session), track.frames[rows].tolist()))
+    load = find_load(start.body, track.poses[rows], clouds)
+    if not load:
+        return started
+    template = add_load(settings.body_template, load, start.height)
+    report = (lambda: None) if progress is None else partial(progress, "start")
+    try:
+        again = _start_in(session, template, settings, task.frame, report)
+    except StartError:
+        return started
+    again = replace(again, rival=start.rival)
+    return replace(started, start=again, task=replace(task, body=again.body, pose=again.pose))
 
 
 def track_once(
@@ -352,12 +382,7 @@ def _find_starts(
     failed: StartError | None = None
     for frame in rank_starts(session, progress):
         try:
-            start = initialise(
-                session.with_frames(session.frames[session.frames.index(frame) :]),
-                settings.body_template,
-                height=settings.height, keep_shape=settings.keep_shape,
-                seed=settings.tracked_method.filter.search.seed, progress=progress,
-            )  # fmt: skip
+            start = _start_in(session, settings.body_template, settings, frame, progress)
         except StartError as error:
             failed = failed or error
             continue
@@ -367,6 +392,21 @@ def _find_starts(
     if not starts:
         raise failed or StartError("no start was tried; expected frames with a person")
     return sorted(starts, key=lambda each: -each[1].rival)
+
+
+def _start_in(
+    session: Session,
+    template: BodyModel,
+    settings: TakeSettings,
+    frame: int,
+    progress: Callable[[], object],
+) -> Start:
+    """Return the start from `frame` on. Raises StartError."""
+    return initialise(
+        session.with_frames(session.frames[session.frames.index(frame) :]), template,
+        height=settings.height, keep_shape=settings.keep_shape,
+        seed=settings.tracked_method.filter.search.seed, progress=progress,
+    )  # fmt: skip
 
 
 def rank_starts(session: Session, progress: Callable[[], object] | None = None) -> list[int]:

@@ -12,10 +12,12 @@ import pytest
 from helpers import scenes
 from helpers.tracks import walker
 
+from apf.body.model import BodyModel
 from apf.filters.method import Method
 from apf.initialisation.start import Start, StartError
 from apf.tracking import take
 from apf.tracking.pipeline import Tracked, TrackingTask
+from apf.tracking.settings import TakeSettings
 from apf.tracking.take import (
     StartedTake,
     Take,
@@ -139,8 +141,9 @@ def test_the_take_decides_between_starts(monkeypatch: pytest.MonkeyPatch) -> Non
     starts = [Start(track.its_body, track.poses[k], 1.1, 1.7, 1.0) for k in range(3)]
     start = replace(starts[0], rivals=(starts[1],))
     task = TrackingTask(start.body, start.pose, Method(), [0], frame=4)
-    alone = StartedTake(session_of({}), task, replace(start, rivals=()), personal=True)
-    both = [alone, StartedTake(session_of({}), task, start, True, ((7, starts[2]),))]
+    alone = StartedTake(session_of({}), task, replace(start, rivals=()))
+    others, settings = ((7, starts[2]),), TakeSettings()
+    both = [alone, StartedTake(session_of({}), task, start, True, others, settings)]
     first, chosen = choose_starts(both)
     assert first is alone
     assert chosen.start is not None  # the third is the same track
@@ -150,3 +153,29 @@ def test_the_take_decides_between_starts(monkeypatch: pytest.MonkeyPatch) -> Non
     _, chosen = choose_starts(both)
     np.testing.assert_array_equal(chosen.task.pose, track.poses[2])
     assert chosen.task.frame == 7 and not chosen.others
+
+
+def test_a_start_is_sought_again_with_what_the_person_carries(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    track = walker()
+    errors = {"best_log_weight": np.full((len(track), 1), -1.0), "misfit": np.ones(len(track))}
+    tracked = Tracked([replace(track, diagnostics=track.diagnostics | errors)])
+    load = [replace(track.its_body.cones[0], name="load_1", bone=0)]
+    templates = []
+
+    def start_again(session: Session, template: BodyModel, **settings: object) -> Start:
+        templates.append((session.frames.start, template))
+        return Start(template, track.poses[1], 3.0, 1.7, 1.0)
+
+    monkeypatch.setattr(take, "track_people", lambda *args: [tracked])
+    monkeypatch.setattr(take, "find_load", lambda *args: load)
+    monkeypatch.setattr(take, "initialise", start_again)
+    start, settings = Start(track.its_body, track.poses[0], 1.1, 1.7, 1.0), TakeSettings()
+    task = TrackingTask(start.body, start.pose, Method(), [0], frame=4)
+    (chosen,) = choose_starts([StartedTake(session_of({}), task, start, True, (), settings)])
+    ((frame, template),) = templates
+    assert frame == 4 and template.cone_names == [*settings.body_template.cone_names, "load_1"]
+    assert chosen.task.body is template and chosen.start is not None
+    assert chosen.start.rival == np.inf  # of the take
+    np.testing.assert_array_equal(chosen.task.pose, track.poses[1])
