@@ -14,6 +14,8 @@ import numpy as np
 
 #: Kinds of free axes: translations along and rotations about x, y, z.
 AXES = ("tx", "ty", "tz", "rx", "ry", "rz")
+#: Beginning of the names of the cones of what a person carries. They come last.
+LOAD = "load"
 
 
 @dataclass(frozen=True)
@@ -138,6 +140,15 @@ class BodyModel:
     def radius_groups(self) -> list[str]:
         """Names of the cones whose radii are scaled together: left and right share one."""
         return list(dict.fromkeys(sideless(cone.name) for cone in self.cones))
+
+    @property
+    def without_load(self) -> BodyModel:
+        """The body without what the person carries."""
+        cones = tuple(cone for cone in self.cones if not cone.name.startswith(LOAD))
+        if len(cones) == len(self.cones):
+            return self
+        apart = tuple(pair for pair in self.apart if max(pair) < len(cones))
+        return replace(self, cones=cones, apart=apart)
 
     def scaled(
         self, lengths: Mapping[str, float], radii: float | Mapping[str, float] = 1.0

@@ -48,12 +48,14 @@ class Surface:
 
     def bind(self, body: BodyModel) -> BodyMesh:
         """Return the mesh that the bones of `body` move."""
+        body = body.without_load
         weights = blend_bones(self.vertices, body, self.pose)
         return skinned_mesh(self.vertices, self.faces, weights, body, self.pose)
 
     def measure(self, body: BodyModel) -> dict[str, Any]:
         """Return the volume, litres, and the girths of the body's parts at their middles, m, as a
         tape finds them: each a list of value and standard deviation."""
+        body = body.without_load
         corners = self.vertices[self.faces].astype(float)
         across = _cross_faces(corners)
         areas = np.linalg.norm(across, axis=1) / 2

@@ -14,7 +14,7 @@ import scipy
 
 from apf.body.kinematics import bone_matrices, posed_cones
 from apf.body.limbs import limb_bones, limb_names
-from apf.body.model import BodyModel, Cone
+from apf.body.model import LOAD, BodyModel, Cone
 from apf.body.stature import stature
 from psfs.common.cones import cone_distances
 from psfs.common.regions import keep_large_regions
@@ -61,7 +61,7 @@ def find_load(body: BodyModel, poses: np.ndarray, clouds: Sequence[VoxelCloud]) 
     core = keep_large_regions(depth >= radius, 1.0)
     filled = cells[np.asarray(scipy.ndimage.distance_transform_edt(~core)) <= radius]
     quarter = (filled[:, :2] > np.median(filled[:, :2], axis=0)) @ (1, 2)
-    return [_fit_cone(f"load_{k + 1}", filled[quarter == k]) for k in np.unique(quarter)]
+    return [_fit_cone(f"{LOAD}_{k + 1}", filled[quarter == k]) for k in np.unique(quarter)]
 
 
 def add_load(template: BodyModel, load: Sequence[Cone], height: float) -> BodyModel:

@@ -38,12 +38,13 @@ _FRAMES, _STEPS = 64, 4
 def fit_surface(
     body: BodyModel, outlines: Sequence[Outlines], poses: np.ndarray, lengths: np.ndarray
 ) -> Surface:
-    """Return the surface of the person who has poses (N, D) in frames with these `outlines`.
-    lengths: (E,) m, see `Surface`."""
+    """Return the surface of the person who has poses (N, D) in frames with these `outlines`,
+    without what they carry. lengths: (E,) m, see `Surface`."""
     some = pick_evenly(len(outlines), _FRAMES)
     several, poses = [outlines[k] for k in some], poses[some]
     pose = choose_spread_pose(body, poses)
-    vertices, faces = join_cones(body, pose)
+    person = body.without_load
+    vertices, faces = join_cones(person, pose)
     cones = posed_cones(body, poses)
     frame, cone, coordinates, _, gap = nearest_outline(several, cones)
     # The outline's pixels lie inside the silhouette, half a pixel from its edge.
@@ -52,7 +53,7 @@ def fit_surface(
     away = np.linalg.norm(here - several[0].centres[views], axis=1)
     pixel = away * several[0].pixels[views]
     gap = gap + pixel / 2
-    near = np.abs(gap) < REACHES[0]
+    near = (np.abs(gap) < REACHES[0]) & (cone < len(person.cones))
     points, gap = place_points(posed_cones(body, pose[None])[0, cone], coordinates)[near], gap[near]
     rays, surface = scipy.spatial.cKDTree(points), scipy.spatial.cKDTree(vertices)
     shares = surface.sparse_distance_matrix(rays, 3 * ALIKE, output_type="coo_matrix")

@@ -52,6 +52,24 @@ def test_measures_have_errors(found: tuple[np.ndarray, Surface]) -> None:
     assert 0.3 < girth < 0.9 and 0 < deviation < 0.1
 
 
+def test_what_is_carried_is_no_part_of_the_surface(found: tuple[np.ndarray, Surface]) -> None:
+    load = replace(
+        BODY.cones[0], name="load_1", bone=0,
+        start=np.array([0.5, 0, -0.1]), end=np.array([0.5, 0, 0.2]), radii=(0.2, 0.2),
+    )  # fmt: skip
+    poses, alone = found
+    loaded = replace(BODY, cones=(*BODY.cones, load))
+    outlines = [outlines_of(cones) for cones in posed_cones(loaded, poses)]
+    surface = fit_surface(loaded, outlines, poses, LENGTHS)
+    assert (
+        cone_distances(surface.vertices, posed_cones(BODY, surface.pose[None])[0]).min(1).max()
+        < 0.1
+    )
+    measures, expected = surface.measure(loaded), alone.measure(BODY)
+    assert measures["girths_m"].keys() == expected["girths_m"].keys()
+    assert measures["volume_l"][0] < 1.1 * expected["volume_l"][0]
+
+
 def test_girths_are_those_of_the_cones() -> None:
     pose = BODY.rest_pose.copy()
     for name in ("l_upper_arm.rx", "r_upper_arm.rx"):
