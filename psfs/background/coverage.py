@@ -80,8 +80,8 @@ class Rays:
 
 def _find_below(hull: np.ndarray, edge: float, floor: float) -> np.ndarray:
     """Return the centres (K, 3) of the voxels below the lowest of each column of the hull (N, 3),
-    down to the height `floor`, where the hull is no
-    wider than an arm span: who walks about is not in the median."""
+    down to the height `floor`, where the hull is no wider than an arm span: who walks about is not
+    in the median."""
     if not len(hull):
         return hull
     ascending = hull[np.argsort(hull[:, 2], kind="stable")]
