@@ -48,11 +48,11 @@ def find_load(body: BodyModel, poses: np.ndarray, clouds: Sequence[VoxelCloud]) 
         if not len(cloud.indices):
             continue
         box = occupied_box(cloud)
-        places = flat @ rotation.T + origin
-        ijk = np.floor((places - box.origin) / box.voxel_size).astype(int)
+        centres = flat @ rotation.T + origin
+        ijk = np.floor((centres - box.origin) / box.voxel_size).astype(int)
         inside = np.flatnonzero(((ijk >= 0) & (ijk < box.shape)).all(1))
         inside = inside[fill_cloud(cloud, box)[tuple(ijk[inside].T)]]
-        lasting[inside] += cone_distances(places[inside], cones).min(1) > _CLOTHES
+        lasting[inside] += cone_distances(centres[inside], cones).min(1) > _CLOTHES
     matter = lasting.reshape(cells.shape[:3]) > _LASTING * len(clouds)
     depth = np.asarray(scipy.ndimage.distance_transform_edt(matter)) - 0.5
     radius = _BULK * float(depth.max())
@@ -65,7 +65,7 @@ def find_load(body: BodyModel, poses: np.ndarray, clouds: Sequence[VoxelCloud]) 
 
 
 def add_load(template: BodyModel, load: Sequence[Cone], height: float) -> BodyModel:
-    """Return the template with the load of a person of this height, m, in its own size."""
+    """Return the template with the load of a person of this height, m, scaled to it."""
     size = stature(template) / height
     parts = [
         replace(

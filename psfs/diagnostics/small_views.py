@@ -112,8 +112,8 @@ def small_views(
     kept_frames = pick_evenly(len(frames))
     backgrounds = None if background is None else _grey(background.mean.astype(np.uint8))
 
-    def measure(shown: tuple[np.ndarray | None, np.ndarray]) -> tuple[Any, ...]:
-        images, silhouettes = shown
+    def measure(view: tuple[np.ndarray | None, np.ndarray]) -> tuple[Any, ...]:
+        images, silhouettes = view
         pairs = list(zip(shrink.small, silhouettes, strict=True))
         outlines = [extract_outline(mask[: c.size[1], : c.size[0]]) for c, mask in pairs]
         foreground = [np.count_nonzero(mask) / np.prod(c.size) for c, mask in pairs]
@@ -123,8 +123,8 @@ def small_views(
     rows, changes, masks, pictures = list[list[Any]](), [], [], []
     before: np.ndarray | None = None
     small_frames = shrink.frames(sequence.frames(slice(frames.start, frames.stop)))
-    shown = ((small.images, counts > 0) for small, counts in compute_ahead(small_frames, begin))
-    for number, measured in enumerate(map_in_threads(measure, shown)):
+    views = ((small.images, counts > 0) for small, counts in compute_ahead(small_frames, begin))
+    for number, measured in enumerate(map_in_threads(measure, views)):
         *row, silhouettes, grey = measured
         rows.append(row)
         now = silhouettes.view(np.uint8) * np.uint8(255) if grey is None else grey

@@ -28,7 +28,7 @@ def walking(n: int = 6) -> np.ndarray:
 def clouds(poses: np.ndarray, held: range, size: float = SIZE) -> list[VoxelCloud]:
     """Voxels of the bodies, and of a cube of this `size`, m, in the `held` frames."""
     grid = VoxelGrid.covering(np.array([-1.2, -0.8, 0]), np.array([1.2, 1.2, 1.9]), 0.04)
-    centres, found = grid.centres(), []
+    centres, frames = grid.centres(), []
     rotations, origins = bone_matrices(BODY, poses)
     for frame, cones in enumerate(posed_cones(BODY, poses)):
         inside = cone_distances(centres, cones).min(1) < 0
@@ -36,18 +36,18 @@ def clouds(poses: np.ndarray, held: range, size: float = SIZE) -> list[VoxelClou
             local = (centres - origins[frame, 0]) @ rotations[frame, 0]
             inside |= (np.abs(local - MIDDLE) < size / 2).all(1)
         indices = np.flatnonzero(inside).astype(np.int32)
-        found.append(VoxelCloud(grid, indices, np.ones(len(indices), np.float32)))
-    return found
+        frames.append(VoxelCloud(grid, indices, np.ones(len(indices), np.float32)))
+    return frames
 
 
 @pytest.mark.parametrize("arms_are_known", [True, False])
 def test_a_box_that_moves_with_the_trunk_is_found(arms_are_known: bool) -> None:
     poses = walking()
-    seen = clouds(poses, range(6))
+    voxels = clouds(poses, range(6))
     if not arms_are_known:  # tracked into the box
         for side in "lr":
             poses[:, BODY.dof_names.index(f"{side}_upper_arm.ry")] += 0.7
-    load = find_load(BODY, poses, seen)
+    load = find_load(BODY, poses, voxels)
     ends = np.array([[cone.start, cone.end] for cone in load])
     radii = np.array([cone.radii[0] for cone in load])
     lengths = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
