@@ -55,9 +55,9 @@ def find_load(body: BodyModel, poses: np.ndarray, clouds: Sequence[VoxelCloud]) 
         lasting[inside] += cone_distances(centres[inside], cones).min(1) > _CLOTHES
     matter = lasting.reshape(cells.shape[:3]) > _LASTING * len(clouds)
     depth = np.asarray(scipy.ndimage.distance_transform_edt(matter)) - 0.5
-    radius = _BULK * float(depth.max())
     if depth.max() * _CELL < _THICK / 2:
         return []
+    radius = _BULK * depth.max()
     core = keep_large_regions(depth >= radius, 1.0)
     filled = cells[np.asarray(scipy.ndimage.distance_transform_edt(~core)) <= radius]
     quarter = (filled[:, :2] > np.median(filled[:, :2], axis=0)) @ (1, 2)

@@ -72,8 +72,8 @@ class ShapeModel:
         grown = np.empty((*shifts.shape[:2], len(bones), 8))
         for end in (0, 4):
             fixed = cones[:, :, end : end + 3] - origins[:, bones]
-            own = self.on_bone[:, bones, None] * fixed[:, None]
-            grown[..., end : end + 3] = shifts[:, :, bones] + own
+            stretched = self.on_bone[:, bones, None] * fixed[:, None]
+            grown[..., end : end + 3] = shifts[:, :, bones] + stretched
             grown[..., end + 3] = self._on_radii * cones[:, None, :, end + 3]
         return grown
 
@@ -86,8 +86,8 @@ def shift_bones(body: BodyModel, on_bone: np.ndarray, rotations: np.ndarray) -> 
     for b, bone in enumerate(body.bones):
         if bone.parent >= 0:
             offset = rotations[:, bone.parent] @ bone.offset
-            own = on_bone[:, bone.parent, None] * offset[:, None]
-            shifts[:, :, b] = shifts[:, :, bone.parent] + own
+            stretched = on_bone[:, bone.parent, None] * offset[:, None]
+            shifts[:, :, b] = shifts[:, :, bone.parent] + stretched
     return shifts
 
 

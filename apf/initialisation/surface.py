@@ -53,8 +53,9 @@ def fit_surface(
     away = np.linalg.norm(here - several[0].centres[views], axis=1)
     pixel = away * several[0].pixels[views]
     gap = gap + pixel / 2
-    near = (np.abs(gap) < REACHES[0]) & (cone < len(person.cones))
-    points, gap = place_points(posed_cones(body, pose[None])[0, cone], coordinates)[near], gap[near]
+    touching = np.flatnonzero((np.abs(gap) < REACHES[0]) & (cone < len(person.cones)))
+    posed = posed_cones(person, pose[None])[0, cone[touching]]
+    points, gap = place_points(posed, coordinates[touching]), gap[touching]
     rays, surface = scipy.spatial.cKDTree(points), scipy.spatial.cKDTree(vertices)
     shares = surface.sparse_distance_matrix(rays, 3 * ALIKE, output_type="coo_matrix")
     shares.data = np.exp(-0.5 * (shares.data / ALIKE) ** 2)

@@ -227,9 +227,9 @@ def choose_starts(
 ) -> list[StartedTake]:
     """Return the starts, or in place of one that of its rivals, with another heading or in another
     frame, whose body fits best to the whole take: all are tracked in one direction, together, in
-    every second frame. The `rival` of a start is then that of the take. Who carries something has
-    it as a part of the body, with which the start is sought again. Raises UserError and
-    KeyboardInterrupt."""
+    every second frame unless these are few a second. The `rival` of a start is then that of the
+    take. Who carries something has it as a part of the body, with which the start is sought again.
+    Raises UserError and KeyboardInterrupt."""
     chosen, candidates = list(started), dict[int, list[StartedTake]]()
     runs = list[TrackingRun]()
     for number, take in enumerate(started):
