@@ -133,8 +133,8 @@ def _run(
     frames = stated["frames"] or slice(None)
     if not len(range(len(sequence))[frames]):
         raise InputError(f"{frames} chooses none of the {len(sequence)} frames of {sequence.name}")
-    values = {name: value for name, value in stated.items() if value is not None}
-    request = TrackRequest(**{**values, "folders": (sequence.folder,), "frames": frames})
+    stated |= {"folders": (sequence.folder,), "frames": frames}
+    request = TrackRequest(**{name: value for name, value in stated.items() if value is not None})
     with open_progress(progress) as line:
         return run_track(request, resolve_device(device), line, sequence=sequence, why_one=why_one)
 
@@ -143,7 +143,7 @@ def _check_arguments(
     method: object = None,
     body: object = None,
     init: object = None,
-    keypoints: object = None,
+    keypoints: Any = None,
     reconstruction: object = None,
     height: float | None = None,
     **_: object,
@@ -154,6 +154,6 @@ def _check_arguments(
     check_kind("method", method, (Method,), ", such as apf.Method.create()")
     check_kind("body", body, (BodyModel, str, Path))
     check_kind("init", init, (np.ndarray, str, Path))
-    if not isinstance(keypoints, list | tuple):
+    if not isinstance(keypoints, (list, tuple)):
         check_kind("keypoints", keypoints, (Keypoints, str, Path))
     check_kind("reconstruction", reconstruction, (ReconstructionConfig,))

@@ -229,7 +229,7 @@ def _base_method(stated: Stated) -> Method:
     if "method" not in stated.tables:  # a preset changes only the settings that it names
         named = {"search": search, "objective": objective}
         return Method.from_dict({**stated.preset["method"], **named}, "method")
-    return Method.create(search, objective)
+    return Method.create(str(search), objective)
 
 
 def _refuse_others(kind: type[Request], stated: Stated, method: Method) -> None:

@@ -18,13 +18,16 @@ from cl.profile import Profile
 class Commands(Protocol):
     """The part of a `Device` that its arrays and launches use."""
 
-    queue: Any
-    raw_queue: ctypes.c_void_p
-    context: Any
     profiler: Profile | None
 
     @property
     def name(self) -> str: ...
+    @property
+    def queue(self) -> Any: ...
+    @property
+    def raw_queue(self) -> ctypes.c_void_p: ...
+    @property
+    def context(self) -> Any: ...
 
     def record(self, name: str, event: Any, upload: int = 0, download: int = 0) -> None:
         """Count a transfer and keep the event if the device is profiled."""

@@ -81,7 +81,8 @@ class Surface:
             hull = scipy.spatial.ConvexHull((lines - middle) @ across.T)
             round_it = self.deviation[np.unique(self.faces[on])].mean()
             alone = np.sqrt(min(1.0, 2 * np.sqrt(np.pi) * ALIKE / hull.area)) * round_it
-            girths[part.name] = _with_error(hull.area, 2 * np.pi * np.hypot(alone, self.common), 3)
+            deviation = float(np.hypot(alone, self.common))
+            girths[part.name] = _with_error(hull.area, 2 * np.pi * deviation, 3)
         return {"volume_l": _with_error(1e3 * volume, 1e3 * error, 2), "girths_m": girths}
 
 
@@ -137,7 +138,8 @@ def normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-12)
     weights = (angles[..., None] * across[:, None]).reshape(-1, 3)
     sums = np.stack([np.bincount(faces.ravel(), w, len(vertices)) for w in weights.T], axis=1)
-    return np.float32(sums / np.maximum(np.linalg.norm(sums, axis=1, keepdims=True), 1e-12))
+    lengths = np.linalg.norm(sums, axis=1, keepdims=True)
+    return (sums / np.maximum(lengths, 1e-12)).astype(np.float32)
 
 
 def _cross_faces(corners: np.ndarray) -> np.ndarray:

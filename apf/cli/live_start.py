@@ -99,9 +99,8 @@ def start_captures(
     )
     grid = None
     if method.uses_voxels:
-        low, high = (
-            np.array(request.capture.volume) if request.capture.volume else box_around(*given[0])
-        )
+        body, pose, *_ = given[0]
+        low, high = np.array(request.capture.volume or box_around(body, pose))
         size = request.voxel_size or default_voxel_size(source.rig, low, high)
         grid = VoxelGrid.covering(low, high, size)
     return source, LiveStart(grid, given)

@@ -51,12 +51,13 @@ def measure(seconds: float) -> list[dict[str, Any]]:
         made = task()
         ms = made["runs"][0]["frames"].samples[1:] or made["runs"][0]["frames"].samples
         streamed = made["to_pose"]["frames"].median if "to_pose" in made else None
+        row: dict[str, Any]
         row = {"program": name, "kind": made["kind"], "cores": made["cores"], "frames": len(ms)}
         error = float(made["runs"][0]["error_mm"])
         rows.append({**row, "ms": float(np.median(ms)), "streamed_ms": streamed, "error_mm": error})
-    core = next((r["ms"] for r in rows if (r["kind"], r["cores"]) == ("cpu", 1)), None)
+    core: Any = next((r["ms"] for r in rows if (r["kind"], r["cores"]) == ("cpu", 1)), None)
     for row in rows:
-        row["times_one_core"] = None if core is None else core / row["ms"]
+        row["times_one_core"] = core and core / row["ms"]
     return sorted(rows, key=lambda row: -row["ms"])
 
 

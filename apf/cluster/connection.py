@@ -58,7 +58,7 @@ def find_scheduler(address: str, patience: float = 10.0) -> str:
     where = _read_scheduler_file(Path(address)) if Path(address).exists() else address
     try:
         _check_answer(where, patience)
-    except (OSError, ValueError, TimeoutError) as error:
+    except (OSError, ValueError) as error:
         raise _no_answer_error(address, error) from None
     return where
 
@@ -88,7 +88,7 @@ def connect_cluster(address: str, shared: Path, patience: float = 10.0) -> Itera
     where = find_scheduler(address, patience)
     try:
         client = distributed.Client(where, timeout=patience)
-    except (OSError, ValueError, TimeoutError) as error:
+    except (OSError, ValueError) as error:
         raise _no_answer_error(address, error) from None
     with client:
         try:

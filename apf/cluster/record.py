@@ -68,7 +68,8 @@ class TakeRecord:
                 if any(len(values) != 3 for values in facts.values()):
                     return None
                 data[part] = facts
-            return cls(**{**data, "rows": tuple(data["rows"])})
+            data["rows"] = tuple(data["rows"])
+            return cls(**data)
         except (OSError, ValueError, TypeError, KeyError, AttributeError):
             return None
 

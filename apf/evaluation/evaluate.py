@@ -294,7 +294,7 @@ def evaluate_points(
     axes: the `body_frames`. covariance: (F, J, 3, 3) m^2. Raises InputError if nothing has truth.
     """
     frames, rows = common
-    missing = ~np.isfinite(offsets).all(axis=-1)
+    missing = np.any(~np.isfinite(offsets), axis=-1)
     offsets = np.where(missing[..., None], np.nan, offsets)
     compared, with_truth = ~missing.all(axis=1), ~missing.all(axis=0)
     if not compared.any():

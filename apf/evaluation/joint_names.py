@@ -36,7 +36,7 @@ _SIDED = {
 
 
 def _aliases() -> dict[str, tuple[str, ...]]:
-    aliases = dict(_MIDDLE)
+    aliases: dict[str, tuple[str, ...]] = dict(_MIDDLE)
     for short, side in (("l", "left"), ("r", "right")):
         for joint, words in _SIDED.items():
             aliases[f"{short}_{joint}"] = tuple(

@@ -86,7 +86,7 @@ class LimbSearch(Stage):
         self.candidates = device.zeros((n_candidates, n), np.float32)
         self.errors = device.zeros((n_candidates,), np.float32)
         self.writes_misfit = self._n_limbs > 0 and likelihood.misfits_of_all
-        self._all_misfits = None
+        self._all_misfits: Array | None = None
         if self.writes_misfit:
             self._all_misfits = device.zeros((n_candidates,), np.float32)
         self._limbs = device.to_device(np.array([*limbs, np.zeros(n, bool)], np.uint8))

@@ -96,7 +96,7 @@ def join_cones(body: BodyModel, pose: np.ndarray) -> tuple[np.ndarray, np.ndarra
     near = ((gaps - far).min(1) < 3 * _STEP) & ((gaps + far).min(1) > 0)
     inside = np.empty(nx * ny * nz, np.float32)
     inside[members] = -gaps.min(1, keepdims=True) / _STEP
-    for part in np.array_split(members[near].ravel(), max(1, np.count_nonzero(near) // _BLOCK)):
+    for part in np.array_split(members[near].ravel(), max(1, int(near.sum()) // _BLOCK)):
         gaps = cone_distances(grid.centres(part), cones) / _STEP
         least = gaps.min(1, keepdims=True)
         inside[part] = np.log(np.exp(least - gaps).sum(1)) - least[:, 0]

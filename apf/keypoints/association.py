@@ -307,7 +307,7 @@ def _middles(person: Person, grid: VoxelGrid, n_frames: int) -> np.ndarray:
 def _locate_person(points: np.ndarray, rig: CameraRig) -> np.ndarray:
     """Return where the means of a person's keypoints (V, F, K, 3) in the pictures meet, (F, 3) m;
     NaN in frames that fewer than two cameras show."""
-    seen = np.isfinite(points).all(-1)
+    seen = np.all(np.isfinite(points), axis=-1)
     with np.errstate(invalid="ignore"):
         means = np.where(seen[..., None], points, 0).sum(2) / seen.sum(2)[..., None]
     return triangulate_rays(rig, means[..., :2].astype(np.float64))

@@ -129,7 +129,7 @@ def _measure_up(points: np.ndarray, names: list[str]) -> np.ndarray:
 
 def _find_lowest(feet: np.ndarray) -> np.ndarray:
     """Return the lowest (F', 3) of the points (F, K, 3) of each frame in which some are seen."""
-    seen = feet[np.isfinite(feet).all(axis=-1).any(axis=1)]
+    seen = feet[np.any(np.all(np.isfinite(feet), axis=-1), axis=1)]
     if len(seen) < 3:
         raise InputError("the feet are seen too seldom; expected the whole person")
     heights = np.where(np.isfinite(seen[..., 2]), seen[..., 2], np.inf)

@@ -149,7 +149,7 @@ class CroppedFinder:
     def __init__(self, network: PoseNetwork, sequence: Sequence, device: str | None) -> None:
         self._network, self._size = network, sequence.rig[0].size
         self._box: np.ndarray | None = None
-        self._evidence = None
+        self._evidence: Callable[[Frame], np.ndarray] | None = None
         if device is not None:
             self._evidence = make_evidence_function(
                 select_device(device), sequence.rig, sequence.background, SilhouetteConfig()

@@ -19,7 +19,7 @@ def fill_gaps(points: np.ndarray, longest: int | None = None) -> np.ndarray:
     """
     filled, frames = points.copy(), np.arange(len(points))
     for k in range(points.shape[1]):
-        known = np.isfinite(points[:, k]).all(-1)
+        known = np.all(np.isfinite(points[:, k]), axis=-1)
         for gap in find_true_runs(~known) if known.any() else ():
             if longest is None or gap.stop - gap.start <= longest:
                 axes = [np.interp(frames[gap], frames[known], axis) for axis in points[known, k].T]
@@ -45,7 +45,7 @@ def low_pass(points: np.ndarray, rate: float, cutoff: float) -> np.ndarray:
     shortest = 3 * (2 * len(sections) + 1)  # SciPy's own padding
     out = points.copy()
     for k in range(points.shape[1]):
-        for run in find_true_runs(np.isfinite(points[:, k]).all(-1)):
+        for run in find_true_runs(np.all(np.isfinite(points[:, k]), axis=-1)):
             piece = points[run, k]
             if len(piece) > shortest:
                 # Padded by all of itself: the filter has settled then.

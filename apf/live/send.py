@@ -225,7 +225,8 @@ class LslSender:
         self._outlets = []
         for number, body in enumerate(bodies, 1):
             labels = [f"{name}_{axis}" for name in body.joint_names for axis in "xyz"]
-            info = pylsl.StreamInfo(f"apf person{number}", "MoCap", len(labels), 0, "float32")
+            kind = pylsl.cf_float32
+            info = pylsl.StreamInfo(f"apf person{number}", "MoCap", len(labels), 0, kind)
             channels = info.desc().append_child("channels")
             for label in labels:
                 channel = channels.append_child("channel")

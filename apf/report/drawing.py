@@ -264,7 +264,7 @@ def _draw_cones(
     """Tint cones (C, 16), near ones over far ones, and draw the outline of all together."""
     rings, depth = camera.project(outline_rings(camera.centre, cones))
     distance = np.linalg.norm((cones[:, 0:3] + cones[:, 4:7]) / 2 - camera.centre, axis=-1)
-    seen = (depth > 0).all(axis=-1) & np.isfinite(rings).all(axis=(-2, -1))
+    seen = np.all(depth > 0, axis=-1) & np.all(np.isfinite(rings), axis=(-2, -1))
     if not seen.any():
         return
     rim = thickness + 2  # dark, so that the line is visible on any background

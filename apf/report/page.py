@@ -248,7 +248,7 @@ def _write_filled(path: Path, name: str, content: dict[str, object]) -> None:
 
 
 def _text(name: str) -> str:
-    return (resources.files(__package__) / name).read_text(encoding="utf-8")
+    return (resources.files("apf.report") / name).read_text(encoding="utf-8")
 
 
 def _escape_for_script(content: dict[str, object]) -> str:

@@ -62,7 +62,7 @@ class CorrectPanel:
         gui = server.gui
         self._message = gui.add_html(make_text("Open a track to correct it."))
         self.joint: Any = gui.add_dropdown("joint", ["-"], initial_value="-")
-        self.way = gui.add_dropdown(
+        self.way: Any = gui.add_dropdown(
             "by", _WAYS, initial_value=_DRAG,
             hint="drag the joint, turn it about the joint before it, or click it in two pictures",
         )  # fmt: skip

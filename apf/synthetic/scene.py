@@ -153,13 +153,13 @@ def _furnish_wall(wall: int, rng: np.random.Generator) -> list[list[float]]:
 
 def _make_posters(wall: int, rng: np.random.Generator) -> list[list[float]]:
     side = ROOM[1] if wall % 2 == 0 else ROOM[0]
-    rows = []
+    rows: list[list[float]] = []
     for slot in np.linspace(-0.68, 0.68, 4):
         half_width, half_height = rng.uniform(0.28, 0.62), rng.uniform(0.30, 0.52)
         middle = slot * side + rng.uniform(-0.15, 0.15)
         height = rng.uniform(1.75, 2.05)
         rows.append(
-            [wall, middle, height, half_width, half_height, rng.integers(4), rng.uniform(), 0]
+            [wall, middle, height, half_width, half_height, int(rng.integers(4)), rng.uniform(), 0]
         )
     return rows
 
@@ -183,7 +183,7 @@ def _make_palette(rng: np.random.Generator, shirt_number: int | None = None) -> 
     )
     skins = ((0.25, 0.36, 0.62), (0.17, 0.27, 0.48), (0.08, 0.14, 0.28))
     hairs = ((0.018, 0.024, 0.035), (0.030, 0.055, 0.10), (0.10, 0.20, 0.32))
-    number = rng.integers(len(_SHIRTS)) if shirt_number is None else shirt_number
+    number = int(rng.integers(len(_SHIRTS))) if shirt_number is None else shirt_number
     shirt, stripes = _SHIRTS[number % len(_SHIRTS)]
     rows = [
         shirt,

@@ -47,7 +47,7 @@ def detect_standing(ankles: np.ndarray, times: np.ndarray) -> np.ndarray:
     """
     n_feet = ankles.shape[1]
     stands: np.ndarray = np.zeros((len(ankles), n_feet), bool)
-    known = np.isfinite(ankles).all(axis=(1, 2))
+    known = np.all(np.isfinite(ankles), axis=(1, 2))
     if known.sum() < 2 or not n_feet:
         return stands
     speed: np.ndarray = np.full((len(ankles), n_feet), np.inf)

@@ -93,7 +93,7 @@ def angle_bands(
     radian and a metre before. The pelvis, whose joints lie almost on a line, tilts firmly only with
     the trunk: hip flexion is known less well than that of the knee.
     """
-    known = np.isfinite(covariance).all(axis=(1, 2, 3))
+    known = np.all(np.isfinite(covariance), axis=(1, 2, 3))
     step, poses = np.sqrt(np.finfo(float).eps), poses[known]
     slopes, axes = _joint_slopes(body, poses), np.eye(body.n_dof)
     measured = slopes @ np.linalg.inv(covariance[known]) @ slopes.swapaxes(2, 3)

@@ -92,14 +92,14 @@ def clipped_moments(
     # Bounds are whole grey levels: comparing bytes takes a sixth of the time of floats.
     low, high = np.empty((2, *mean.shape), np.uint8)
     for band in _bands(mean):
-        most = _CLIP * with_prior(variance[band], np.float32(number[band]))
+        most = _CLIP * with_prior(variance[band], number[band].astype(np.float32))
         low[band] = np.ceil(mean[band] - most).clip(0, 255)
         high[band] = np.floor(mean[band] + most).clip(0, 255)
     del variance, number  # before there are others: of 4K they take 125 MB
     clipped, variance, number = _moments(frames, (low, high))
     for band in _bands(mean):
         np.copyto(clipped[band], mean[band], where=number[band] == 0)
-        variance[band] = with_prior(variance[band], np.float32(number[band]))
+        variance[band] = with_prior(variance[band], number[band].astype(np.float32))
     return clipped, variance
 
 

@@ -71,7 +71,7 @@ def intersect_rays(origins: np.ndarray, directions: np.ndarray) -> np.ndarray:
     (..., V, 3) along `directions` (..., V, 3), of any length, NaN where there is none; NaN where
     fewer than two are there."""
     origins, directions = np.broadcast_arrays(origins, directions)
-    seen = np.isfinite(directions).all(axis=-1)
+    seen = np.all(np.isfinite(directions), axis=-1)
     unit = np.where(seen[..., None], directions, 1.0)
     unit = unit / np.linalg.norm(unit, axis=-1, keepdims=True)
     across = seen[..., None, None] * (np.eye(3) - unit[..., :, None] * unit[..., None, :])

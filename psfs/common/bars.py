@@ -6,7 +6,7 @@ import json
 import os
 from contextlib import suppress
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from rich.console import RenderableType
 from rich.progress import Progress
@@ -39,8 +39,8 @@ class FollowedProgress(Progress):
     alone.
     """
 
-    def __exit__(self, kind: type[BaseException] | None, *error: object) -> None:
-        self.live.transient = kind is not None
+    def __exit__(self, exc_type: Any, exc_val: Any, exc_tb: Any) -> None:
+        self.live.transient = exc_type is not None
         self.stop()
 
     def stop(self) -> None:

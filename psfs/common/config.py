@@ -68,7 +68,7 @@ class Config(BaseModel):
 
     def replace(self: C, **changes: Any) -> C:
         """Return these settings with other values of some; raise InputError as the class does."""
-        values = {name: getattr(self, name) for name in type(self).model_fields}  # nothing cached
+        values = {name: getattr(self, name) for name in self.__class__.model_fields}
         return type(self)(**{**values, **changes})
 
     def overlay(self: C, values: Mapping[str, Any], where: str = "") -> C:
@@ -77,7 +77,7 @@ class Config(BaseModel):
         changes: dict[str, Any] = {}
         try:
             for name, value in values.items():
-                part = getattr(self, name) if name in type(self).model_fields else None
+                part = getattr(self, name) if name in self.__class__.model_fields else None
                 deeper = isinstance(part, Config) and isinstance(value, Mapping)
                 changes[name] = part.overlay(value, name) if deeper else value  # type: ignore[union-attr]
             return self.replace(**changes)

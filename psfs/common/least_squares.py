@@ -83,7 +83,7 @@ class Residuals:
     @property
     def known(self) -> np.ndarray:
         """Which measurements (M,) there are."""
-        return np.isfinite(_as_rows(self.values)).all(axis=1)
+        return np.all(np.isfinite(_as_rows(self.values)), axis=1)
 
     def noise(self) -> np.ndarray:
         """Return the standard deviation (M,) of each number."""
@@ -135,7 +135,7 @@ def multiply_alike(key: np.ndarray, rows: np.ndarray, count: int) -> np.ndarray:
     """Return the products (count, W, W) of the transposed rows (K, W) with themselves, of those of
     each `key` (K,) from 0 on."""
     order = np.argsort(key, kind="stable")
-    rows, ends = rows[order], np.searchsorted(key[order], np.arange(count + 1)).tolist()
+    rows, ends = rows[order], list(np.searchsorted(key[order], np.arange(count + 1)))
     products = np.empty((count, *2 * rows.shape[1:]))
     for product, first, last in zip(products, ends, ends[1:], strict=False):
         np.matmul(rows[first:last].T, rows[first:last], out=product)
@@ -310,7 +310,7 @@ class _Layout:
         used = np.flatnonzero(roots)
         values = np.concatenate([slope.values[used] for slope in of.slopes], axis=2)
         values, right = np.nan_to_num(values) * roots[used, :, None], (roots * of.rows)[used]
-        width, ends = values.shape[2], np.searchsorted(used, [*run, len(roots)]).tolist()
+        width, ends = values.shape[2], list(np.searchsorted(used, [*run, len(roots)]))
         blocks, pulls = np.empty((len(run), width, width)), np.empty((len(run), width))
         for block, pull, first, last in zip(blocks, pulls, ends, ends[1:], strict=False):
             rows = values[first:last].reshape(-1, width)

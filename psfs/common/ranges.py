@@ -46,7 +46,7 @@ def check_number(name: str, value: Any, least: float, most: float = LARGEST) -> 
     """Raise InputError unless an argument is a number with least <= value <= most; settings have
     ranges of their own, see `psfs.common.config`."""
     number = isinstance(value, Real) and not isinstance(value, bool)
-    if not (number and least <= value <= most):
+    if not (number and least <= value <= most):  # type: ignore[operator]
         expected = range_text(ge=least, le=most)
         text = escape_unprintable(repr(value))
         raise InputError(f"{name} is {text}; expected a number {expected}")

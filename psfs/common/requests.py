@@ -251,7 +251,7 @@ class Request(Config):
 
     def replace(self: R, **changes: Any) -> R:
         """Return this request with other values of some fields."""
-        other = super().replace(**changes)
+        other: Any = super().replace(**changes)
         other._stated, other._chosen = self._stated, self._chosen
         return other
 

@@ -184,7 +184,7 @@ def extract_outline(mask: np.ndarray, least: int = 40) -> Outline | None:
     largest = 1 + int(areas.argmax())
     region = (labels == largest).view(np.uint8)
     parts, _ = cv2.findContours(region, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE, offset=(x, y))
-    contour = max(parts, key=len)
+    contour = np.asarray(max(parts, key=len))
     corners = cv2.convexHull(contour).reshape(-1, 2).astype(float)
     points = contour.reshape(-1, 2).astype(float)
     borders = [find_border_points(corner_points, mask.shape) for corner_points in (corners, points)]

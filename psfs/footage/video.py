@@ -104,7 +104,7 @@ def _index_version(path: Path, modified: int, n_bytes: int) -> VideoIndex:
     usable = [pts for _, pts in dropwhile(lambda frame: frame[0], decoded)]
     if not usable:
         raise InputError(f"{path}: no frame can be decoded without errors; the file is damaged")
-    if set(usable) <= set(stamps.tolist()) and (np.diff(np.array(usable, np.int64)) > 0).all():
+    if set(usable) <= set(stamps) and (np.diff(np.array(usable, np.int64)) > 0).all():
         return replace(index, stamps=np.array(usable), keys=keys)
     return replace(index, stamps=np.arange(len(decoded)), tick=1 / rate, keys=None)
 

@@ -49,7 +49,8 @@ class Watch:
         self._server, self.opened = server, opened
         self._closed, self._reader = threading.Event(), None
         self._position, self._status_time, self._timed = -1, 0.0, False
-        self._cameras, self._looking = None, None
+        self._cameras: CameraNodes | None = None
+        self._looking: LookThrough | None = None
         #: Called with a camera's index and the direction of what was clicked in its picture.
         self.pointed: Callable[[int, np.ndarray], object] = lambda view, way: None
         self._add_nodes(server.scene)

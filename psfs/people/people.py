@@ -101,7 +101,7 @@ class People:
                     about = np.linalg.norm(points[:, :2] - middle, axis=1) < APART
                     top = points[about, 2].max() + self.grid.voxel_size / 2
                     positions[row, number] = *middle, top
-        known = np.isfinite(positions).all(-1).any(1)
+        known = np.any(np.all(np.isfinite(positions), axis=-1), axis=1)
         return StandingPeople(np.array(self.frames)[known], positions[known])
 
     @property

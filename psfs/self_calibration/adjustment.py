@@ -134,7 +134,7 @@ def _match_extremes(
         return join_points([])
     angles = [side[0][begin + side[2] : end + side[2]] for side in (first, second)]
     pixels = [side[1][begin + side[2] : end + side[2]][1:-1] for side in (first, second)]
-    rates = 0.25 * sum(side[2:] - side[:-2] for side in angles)
+    rates = 0.25 * np.sum([side[2:] - side[:-2] for side in angles], axis=0)
     known = np.isfinite(rates) & np.isfinite(angles[0][1:-1]) & np.isfinite(angles[1][1:-1])
     known[(np.arange(len(known)) + begin) % every != 0] = False
     frames, sides = np.nonzero(known)
@@ -161,7 +161,7 @@ def adjust_frontier(
     the last; None if there are too few."""
     gates = np.geomspace(widest, LAST_GATE, round(widest / 2))
     spread = points.spread
-    return adjust_rounds(start.rig, start.lags, points.find_all, spread, gates.tolist(), further)
+    return adjust_rounds(start.rig, start.lags, points.find_all, spread, list(gates), further)
 
 
 def measure_turn(first: Sequence[Camera], second: Sequence[Camera]) -> float:

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import scipy
@@ -229,9 +230,8 @@ class ArrangementSearch:
         costs = self._costs(view, places)
         wide = np.pad(costs, ((2, 2), (0, 0)), mode="wrap")
         low = scipy.ndimage.minimum_filter(wide, (5, 5), mode="nearest")[2:-2]
-        angles, lags = np.nonzero(costs <= low)
-        order = np.argsort(costs[angles, lags])[:_BEST_PLACES]
-        best = zip(angles[order].tolist(), lags[order].tolist(), strict=True)
+        minima = np.argwhere(costs <= low)
+        best: Any = minima[np.argsort(costs[tuple(minima.T)])[:_BEST_PLACES]].tolist()
         return [(float(costs[angle, lag]), (angle, lag - self.most)) for angle, lag in best]
 
     def _keep_different(

@@ -14,7 +14,7 @@ _FLAGS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshade
 @contextmanager
 def browser(*flags: str) -> Iterator[Any]:
     """Yield the browser (playwright's), started with more flags; skip the test if there is none."""
-    playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+    playwright = pytest.importorskip("playwright.sync_api", reason="pip install playwright")
     path = next((found for name in NAMES if (found := shutil.which(name))), None)
     if path is None:
         pytest.skip(f"no browser is installed; looked for {', '.join(NAMES)}")

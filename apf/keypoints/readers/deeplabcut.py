@@ -162,7 +162,7 @@ def _read_h5(path: Path) -> tuple[list[Column], np.ndarray]:
         ) from None
     with parsing(path, "a pandas table"):
         open_input(path).close()
-        with tables.open_file(path) as file:
+        with tables.open_file(str(path)) as file:
             if "/tracks" in file and "/node_names" in file:
                 return _read_sleap(path, file)
         table: Any = pandas.read_hdf(path)

@@ -145,7 +145,7 @@ def _parse_labels(path: Path) -> list[np.ndarray]:
 def read_mmpose(folder: Path, paths: Sequence[Path]) -> RawKeypoints | None:
     """Read MMPose's results of videos, a file each; None if none of `paths` is. Raises InputError
     naming the file that is wrong."""
-    people = {}
+    people: dict[tuple[str, ...], list[list[np.ndarray]]] = {}
     for path in paths:
         content = read_json(path, "JSON of a video", nan=True)
         frames = content.get("instance_info") if isinstance(content, Mapping) else None
@@ -208,7 +208,7 @@ def read_opencap(folder: Path, paths: Sequence[Path]) -> RawKeypoints:
 
     Only lists, numbers and texts are unpickled. Raises InputError naming the file that is wrong.
     """
-    people = {}
+    people: dict[tuple[str, ...], list[list[np.ndarray]]] = {}
     for path in paths:
         frames = read_plain_pickle(path, _PICKLED)
         if not isinstance(frames, list):

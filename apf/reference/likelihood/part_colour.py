@@ -50,7 +50,7 @@ def is_in_outline(corners: np.ndarray, pixels: np.ndarray) -> np.ndarray:
     onwards = np.roll(corners, -1, -2) - corners
     to = pixels[..., None, :] - corners
     sides = onwards[..., 0] * to[..., 1] - onwards[..., 1] * to[..., 0]
-    return (sides >= 0).all(-1) | (sides <= 0).all(-1)
+    return np.all(sides >= 0, axis=-1) | np.all(sides <= 0, axis=-1)
 
 
 def sample_outlines(quad: np.ndarray, t: np.ndarray, u: np.ndarray) -> np.ndarray:

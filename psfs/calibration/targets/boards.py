@@ -171,7 +171,7 @@ class CharucoFinder:
             rows, columns = np.divmod(ids, self.squares[0] - 1)
             if min(len(set(rows)), len(set(columns))) >= _LINES:
                 self._detectors = [(detector, inverted)]  # the others detect other boards
-                return ids, np.float64(corners.reshape(-1, 2))
+                return ids, np.asarray(corners, np.float64).reshape(-1, 2)
         return None
 
     def describe_search(self) -> str:

@@ -39,9 +39,9 @@ def read_matlab(path: Path, unit: Unit | None, sizes: Sizes) -> Calibration:
         parts = [
             _find_stack(variables, keys, (3, width)) for keys, width in ((_K, 3), (_R, 3), (_T, 1))
         ]
-        if all(part is not None for part in parts):
-            K, R, t = (part for part in parts if part is not None)
-            whole = np.concatenate([K, R, t], axis=2)
+        known = [part for part in parts if part is not None]
+        if len(known) == len(parts):
+            whole = np.concatenate(known, axis=2)
         else:
             whole = _find_projections(variables)
         names = names or [f"cam{index:02d}" for index in range(1, len(whole) + 1)]
@@ -88,7 +88,7 @@ def _list_matrices(value: object) -> list[np.ndarray]:
     return [array.astype(float)] if array.ndim == 2 else []
 
 
-def _find_stack(stored: dict[str, object], keys: tuple[str, ...], shape: tuple[int, int]) -> object:
+def _find_stack(stored: dict[str, object], keys: tuple[str, ...], shape: tuple[int, int]) -> Any:
     """Return the first variable of `keys` that fits as (N, *shape); None if none fits."""
     for key in keys:
         fitting = [m for m in _list_matrices(stored.get(key, [])) if m.size == shape[0] * shape[1]]

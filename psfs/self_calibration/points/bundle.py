@@ -58,7 +58,7 @@ class PointObservations:
     @property
     def seen(self) -> np.ndarray:
         """Mask (V, P) bool of the points that each camera sees."""
-        return np.isfinite(self.pixels).all(axis=-1)
+        return np.all(np.isfinite(self.pixels), axis=-1)
 
     def select(self, views: Sequence[int]) -> PointObservations:
         """Return those of some of the cameras."""
