@@ -57,29 +57,18 @@ def device(request: pytest.FixtureRequest) -> Device:
 
 
 @pytest.fixture(scope="session")
-def made_walk(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The folder of a synthetic walk, for `walk` to copy."""
-    config = SceneConfig(cameras=4, frames=5, fps=60, size=(320, 240), seed=4)
-    return _generate_walk(tmp_path_factory, config)
-
-
-@pytest.fixture(scope="session")
 def small_walk(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The folder of a walk in smaller pictures, to read alone: 4 cameras, 4 frames."""
-    config = SceneConfig(cameras=4, frames=4, fps=30, size=(160, 120), seed=4)
-    return _generate_walk(tmp_path_factory, config)
-
-
-def _generate_walk(folders: pytest.TempPathFactory, config: SceneConfig) -> Path:
-    folder = folders.mktemp("made") / "walk"
+    """The folder of a synthetic walk, to read alone: 4 cameras, 4 frames."""
+    folder = tmp_path_factory.mktemp("made") / "walk"
+    config = SceneConfig(cameras=4, frames=4, fps=60, size=(160, 120), seed=4)
     generate(folder, config, Device.best())
     return folder
 
 
 @pytest.fixture(scope="module")
-def walk(made_walk: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The folder of a synthetic walk: 4 cameras, 5 frames."""
-    return Path(shutil.copytree(made_walk, tmp_path_factory.mktemp("walk") / "walk"))
+def walk(small_walk: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A copy of `small_walk`, to change."""
+    return Path(shutil.copytree(small_walk, tmp_path_factory.mktemp("walk") / "walk"))
 
 
 @pytest.fixture(scope="session")

@@ -5,6 +5,7 @@ import re
 from importlib.metadata import version
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,7 +14,6 @@ import apf
 import apf.cli
 import psfs
 import psfs.cli
-from psfs.common.config import Config, part_kind
 from psfs.common.files import read_toml
 
 ROOT = Path(__file__).parents[1]
@@ -31,12 +31,6 @@ def test_public_names_are_there_documented_and_listed(package: ModuleType) -> No
             assert value.__name__ == name
     with pytest.raises(AttributeError, match="no attribute 'nonsense'"):
         _ = package.nonsense
-
-
-def configs_in(config: type[Config]) -> set[type[Config]]:
-    """A config and all that it is made of."""
-    parts = [part_kind(field) for field in config.model_fields.values()]
-    return {config}.union(*(configs_in(part) for part in parts if part is not None))
 
 
 def test_types_and_data_files_are_packaged() -> None:
@@ -120,23 +114,23 @@ def test_track_takes_a_pose_and_says_what_is_wrong(small_walk: Path) -> None:
         apf.track(sequence, device="nonsense")
 
 
-def test_what_is_not_there_is_a_missing_file(walk: Path, tmp_path: Path) -> None:
+def test_what_is_not_there_is_a_missing_file(small_walk: Path, tmp_path: Path) -> None:
     """The standard exceptions do: FileNotFoundError, and ValueError for all bad input."""
     for read in (
         lambda: psfs.open_sequence(tmp_path / "nowhere"),
-        lambda: psfs.open_sequence(walk, calibration=tmp_path / "none.toml"),
+        lambda: psfs.open_sequence(small_walk, calibration=tmp_path / "none.toml"),
         lambda: psfs.read_cloud(tmp_path / "none.npz"),
         lambda: apf.Track.open(tmp_path / "none.npz"),
         lambda: apf.load_body(tmp_path / "none.toml"),
         lambda: apf.load_truth(tmp_path / "none.trc"),
         lambda: apf.load_truth(tmp_path / "none.npz"),
-        lambda: apf.track(psfs.open_sequence(walk), init=tmp_path / "none.txt"),
+        lambda: apf.track(psfs.open_sequence(small_walk), init=tmp_path / "none.txt"),
     ):
         with pytest.raises(FileNotFoundError, match="no") as error:
             read()
         assert isinstance(error.value, psfs.MissingFileError) and "--" not in str(error.value)
     with pytest.raises(ValueError, match="cinema"):
-        psfs.open_sequence(walk, background="cinema")
+        psfs.open_sequence(small_walk, background="cinema")
 
 
 @pytest.mark.usefixtures("quick_start")
@@ -149,9 +143,11 @@ def test_readme_example_runs(
     monkeypatch.chdir(tmp_path)
     blocks = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)
     assert blocks
+    names: dict[str, Any] = {}
     for block in blocks:
-        exec(compile(block, "README.md", "exec"), {})
+        exec(compile(block, "README.md", "exec"), names)
     assert (tmp_path / "walk.bvh").stat().st_size > 1000
+    assert apf.evaluate(names["track"], apf.load_truth(small_walk / "truth.npz")).mean_error < 0.1
 
 
 def first_joints(walk: Path) -> dict[str, np.ndarray]:

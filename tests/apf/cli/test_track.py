@@ -105,18 +105,6 @@ def test_several_seeds_at_once(
     assert np.any(other.poses != alone.poses)
 
 
-def test_nothing_but_the_folder(walk: Path, tmp_path: Path) -> None:
-    """Started by itself."""
-    few = ["--frames", "0:4", "--particles", "60", "--layers", "5", "--voxel-size", "0.04"]
-    plain = [*few, "--no-overlay", "--no-report", "-o"]
-    assert main(["track", str(walk), *plain, str(tmp_path / "a")]) == 0
-    found, truth = Track.open(tmp_path / "a"), load_truth(walk / "truth.npz")
-    for name in ("pelvis", "neck", "head_top", "l_hip", "l_knee", "l_ankle", "r_knee", "r_ankle"):
-        mine = found.joints[:, found.joint_names.index(name)]
-        theirs = truth.joints[:4, truth.joint_names.index(name)]
-        assert np.linalg.norm(mine - theirs, axis=1).mean() < 0.1, name
-
-
 def test_a_body_of_frusta_and_a_mesh_of_the_person(
     walk: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

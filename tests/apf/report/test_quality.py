@@ -1,7 +1,6 @@
 """Judging a track without ground truth: wrong limbs and impossible motion, and neither if sound."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -21,6 +20,8 @@ from apf.report.agreement import (
 )
 from apf.report.motion_limits import find_impossible_motion
 from apf.report.quality import Quality
+from apf.synthetic.generate import generate
+from apf.synthetic.scene import SceneConfig
 from apf.synthetic.walk import Walk
 from apf.tracking.track import Track
 from cl import Device
@@ -32,11 +33,14 @@ Scene = tuple[Session, Track]
 
 
 @pytest.fixture(scope="module")
-def scene(walk: Path) -> Scene:
-    """The small walk with the poses that its true joints have."""
+def scene(tmp_path_factory: pytest.TempPathFactory) -> Scene:
+    """A walk with the poses that its true joints have."""
+    walk = tmp_path_factory.mktemp("made") / "walk"
+    config = SceneConfig(cameras=4, frames=4, fps=60, size=(240, 180), seed=4)
+    generate(walk, config, Device.best())
     session = Session(Sequence.open(walk), Device.best())
     truth, body, poses = load_truth(walk / "truth.npz"), load_body("song31"), []
-    for joints in truth.joints[:5]:
+    for joints in truth.joints:
         named = dict(zip(truth.joint_names, joints, strict=True))
         body, pose, _ = fit_to_joints(body, named)
         poses.append(pose)
