@@ -51,13 +51,17 @@ def _is_radial(coefficients: np.ndarray) -> bool:
     return bool(np.any(coefficients[5:]))
 
 
+def _brown_share(coefficients: np.ndarray, r2: np.ndarray) -> np.ndarray:
+    k1, k2, _, _, k3 = coefficients[:5]
+    return np.asarray(1 + r2 * (k1 + r2 * (k2 + r2 * k3)))
+
+
 def _radial_shares(coefficients: np.ndarray, r2: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the ratio (...) of distorted to undistorted radius without the tangential part, and
     twice its derivative by the squared undistorted radius r2 (...)."""
     if not _is_radial(coefficients):
         k1, k2, _, _, k3 = coefficients[:5]
-        share = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
-        return share, 2 * (k1 + r2 * (2 * k2 + 3 * r2 * k3))
+        return _brown_share(coefficients, r2), 2 * (k1 + r2 * (2 * k2 + 3 * r2 * k3))
     if not _is_fisheye(coefficients):
         kappa = coefficients[5]
         share = _tsai_radius_ratio(kappa * r2)
@@ -83,9 +87,10 @@ def distort(
     as the other lenses do.
     """
     r2 = x * x + y * y
-    share, _ = _radial_shares(coefficients, r2)
     if _is_radial(coefficients):
+        share, _ = _radial_shares(coefficients, r2)
         return x * share, y * share
+    share = _brown_share(coefficients, r2)
     p1, p2 = coefficients[2:4]
     xd = x * share + 2 * p1 * x * y + p2 * (r2 + 2 * x * x)
     return xd, y * share + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y

@@ -12,7 +12,6 @@ from psfs.calibration.scene import (
     GOOD,
     CalibrationScene,
     place_camera,
-    reprojection_errors,
     rigid_transform,
     transform_points,
 )
@@ -78,14 +77,12 @@ def choose_best_pose(
     """
     best: tuple[float, np.ndarray, list[Sighting]] | None = None
     for pose in proposed:
-        scene = CalibrationScene(tuple(rig), {sightings[0].frame: pose})
+        points = transform_points(pose, target.frame_points(sightings[0].frame))
         fitting, cost = [], 0.0
         for sighting in sightings:
-            choices = [sighting.reorder(order) for order in target.orders]
-            off = [
-                float(np.median(reprojection_errors(scene, target, [choice]))) for choice in choices
-            ]
-            fitting.append(choices[int(np.argmin(off))])
+            pixels, _ = rig[sighting.view].project(points)
+            off = _median_errors(target, sighting, pixels)
+            fitting.append(sighting.reorder(target.orders[int(np.argmin(off))]))
             cost += min(min(off), 100.0)  # one camera with a large error must not decide
         if best is None or cost < best[0]:
             best = cost, pose, fitting
@@ -93,6 +90,15 @@ def choose_best_pose(
             break
     assert best is not None
     return best[1], best[2]
+
+
+def _median_errors(target: Target, sighting: Sighting, pixels: np.ndarray) -> list[float]:
+    """Return the median distance, px, of a sighting from the target's points at `pixels` (P, 2), in
+    each of the target's orders."""
+    return [
+        float(np.median(np.linalg.norm(pixels[order[sighting.ids]] - sighting.pixels, axis=-1)))
+        for order in target.orders
+    ]
 
 
 def _estimate_relative_pose(
@@ -120,14 +126,8 @@ def _estimate_relative_pose(
     def cost(motion: np.ndarray) -> float:
         off = []
         for frame in frames:
-            board = motion @ poses[frame, a]
-            least = np.inf
-            for order in target.orders:
-                points = transform_points(board, target.points[order[seen[frame, b].ids]])
-                pixels, _ = camera.project(points)
-                away = np.linalg.norm(pixels - seen[frame, b].pixels, axis=-1)
-                least = min(least, float(np.median(away)))
-            off.append(least)
+            pixels, _ = camera.project(transform_points(motion @ poses[frame, a], target.points))
+            off.append(min(_median_errors(target, seen[frame, b], pixels)))
         return float(np.median(off))
 
     return min(proposals, key=cost)

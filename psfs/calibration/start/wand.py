@@ -16,7 +16,7 @@ from psfs.calibration.start.lenses import FOCALS, with_focal_length
 from psfs.calibration.start.placing import chain_poses
 from psfs.calibration.targets.target import EQUAL, Sighting, Target, group_by_frame
 from psfs.cameras.camera import Camera
-from psfs.cameras.triangulation import triangulate_rays
+from psfs.cameras.triangulation import intersect_rays
 
 #: Most camera pairs that judge a focal length, and that propose a frame's wand pose.
 _JUDGES, _PROPOSERS = 4, 6
@@ -96,8 +96,11 @@ def _estimate_relative_pose(
     a, b = pair
     seen = {(s.frame, s.view): s for s in sightings if s.view in pair}
     frames = [frame for frame, view in seen if view == a and (frame, b) in seen]
-    one = np.stack([cameras[a].normalise(seen[f, a].pixels) for f in frames])
-    two = np.stack([cameras[b].normalise(seen[f, b].pixels) for f in frames])
+    pixels = [np.stack([seen[frame, view].pixels for frame in frames]) for view in pair]
+    one, two = (
+        cameras[view].normalise(of.reshape(-1, 2)).reshape(of.shape)
+        for view, of in zip(pair, pixels, strict=True)
+    )
     orders = target.orders
     first = np.repeat(one, len(orders), axis=0).reshape(-1, 2)
     second = two[:, orders].reshape(-1, 2)
@@ -142,10 +145,10 @@ def _propose_poses(
     One for every pair of its sightings and every order of the second one's points.
     """
     proposals = []
-    pairs = list(combinations(sightings, 2))[:_PROPOSERS]
-    for (one, two), order in product(pairs, target.orders):
-        pixels = np.stack([one.pixels, two.pixels[order]])
-        points = triangulate_rays([rig[one.view], rig[two.view]], pixels)
+    views = [(rig[s.view].centre, rig[s.view].rays(s.pixels)) for s in sightings]
+    pairs = list(combinations(views, 2))[:_PROPOSERS]
+    for ((centre, rays), (other, others)), order in product(pairs, target.orders):
+        points = intersect_rays(np.stack([centre, other]), np.stack([rays, others[order]], axis=1))
         axis = points[-1] - points[0]
         length = np.linalg.norm(axis)
         if not 0 < length < np.inf:

@@ -32,16 +32,12 @@ def pictured(render: Callable[..., np.ndarray], pose: np.ndarray, seed: int = 0)
     return cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR)
 
 
-@pytest.mark.parametrize("turned", [0, 2], ids=["upright", "upside down"])
-def test_a_chessboards_corners_are_found_in_their_order(turned: int) -> None:
-    """With 5 x 4 inner corners the board's two ends differ in colour."""
+def test_a_chessboards_corners_are_found_in_their_order() -> None:
+    """Upside down: with 5 x 4 inner corners the board's two ends differ in colour."""
     render = made.board_picture(chequered(SQUARES), SQUARE, SQUARES)
     rng = np.random.default_rng(3)
     pose = made.facing(rng, CAMERA.centre, reach=0.2)
-    pose[:3, :3] = (
-        pose[:3, :3]
-        @ made.rigid(cv2.Rodrigues(np.array([0, 0, np.pi / 2 * turned]))[0], np.zeros(3))[:3, :3]
-    )
+    pose[:3, :3] = pose[:3, :3] @ np.diag([-1, -1, 1])
     finder = ChessboardFinder(SQUARES, SQUARE)
     assert len(finder.target.orders) == 1
     found = finder(0, pictured(render, pose))
@@ -60,15 +56,14 @@ def test_a_chessboards_corners_are_found_in_their_order(turned: int) -> None:
         ChessboardFinder((4, 3), SQUARE)
 
 
-@pytest.mark.parametrize("inverted", [False, True])
-def test_a_board_in_part_is_of_use_only_if_it_tells_its_numbers(inverted: bool) -> None:
+def test_a_board_in_part_is_of_use_only_if_it_tells_its_numbers() -> None:
+    """The ChArUco board is printed white on black."""
     dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_6X6_250)
     board = cv2.aruco.CharucoBoard(SQUARES, SQUARE, 0.14, dictionary)
     flat = board.generateImage((100 * SQUARES[0], 100 * SQUARES[1]))
     near = made.rigid(CAMERA.R.T, CAMERA.centre + CAMERA.R.T @ [-0.55, -0.05, 1.0])
     finder = CharucoFinder(SQUARES, SQUARE, 0.14)
-    flat = 255 - flat if inverted else flat
-    found = finder(0, pictured(made.board_picture(flat, SQUARE, SQUARES), near))
+    found = finder(0, pictured(made.board_picture(255 - flat, SQUARE, SQUARES), near))
     assert found is not None and 6 <= len(found[0]) < 20
     true, _ = CAMERA.project(finder.target.points[found[0]] @ near[:3, :3].T + near[:3, 3])
     assert np.linalg.norm(found[1] - true, axis=1).mean() < 0.3
@@ -162,7 +157,7 @@ def test_spots_are_found_to_a_fraction_of_a_pixel() -> None:
 def test_lenses_come_from_pictures_of_a_board_alone(tmp_path: Path) -> None:
     render = made.board_picture(chequered(SQUARES), SQUARE, SQUARES)
     rng = np.random.default_rng(4)
-    poses = [made.facing(rng, CAMERA.centre + rng.normal(0, 1.2, 3), 0.4) for _ in range(24)]
+    poses = [made.facing(rng, CAMERA.centre + rng.normal(0, 1.2, 3), 0.4) for _ in range(12)]
     made.film(tmp_path, [CAMERA], poses, render)
     rig, finder = CameraRig((CAMERA,)), ChessboardFinder(SQUARES, SQUARE)
     (found,) = read_intrinsics(tmp_path / "images", rig, finder)

@@ -6,7 +6,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from helpers import footage, scenes
+from helpers import scenes
 from helpers.shared import shared_data
 
 import apf.cli
@@ -15,7 +15,7 @@ from psfs.cameras.calibration.toml_tables import write_toml_tables
 from psfs.cameras.camera import CameraRig
 from psfs.cli import main
 from psfs.diagnostics.calibration_faults import find_rig_faults
-from psfs.diagnostics.examination import diagnose, examine
+from psfs.diagnostics.examination import Examination, diagnose
 from psfs.diagnostics.fault import Fault
 from psfs.diagnostics.picture_faults import _measure_shift
 from psfs.diagnostics.sequence_info import rig_warnings
@@ -25,6 +25,12 @@ from psfs.volume import find_volume
 
 FRAMES = 36
 NAMES = [f"c{k}" for k in range(5)]
+
+
+@pytest.fixture(autouse=True)
+def _coarse(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The pictures are small: so may the hulls' voxels be few."""
+    monkeypatch.setattr("psfs.diagnostics.agreement._VOXELS", 30_000)
 
 
 @pytest.fixture(scope="module")
@@ -89,24 +95,19 @@ def write_pictures(folder: Path, masks: np.ndarray) -> Path:
 
 
 def test_one_picture_has_no_silhouette(tmp_path: Path, masks: np.ndarray) -> None:
-    folder = write_pictures(tmp_path / "one", masks[:1])
-    (found,) = faults(folder)
+    session = Session(Sequence.open(write_pictures(tmp_path / "one", masks[:1])), NumpyDevice())
+    diagnosis = diagnose(session)
+    (found,) = diagnosis.faults
     assert found.cameras == tuple(NAMES) and str(found).startswith("one picture of cameras c0, c1")
     assert "film the empty room" in str(found) and "--keypoints" in str(found)
-    session = Session(Sequence.open(folder), NumpyDevice())
     with pytest.raises(InputError, match=r"5 of 5 cameras.*film the empty room"):
-        examine(session).check_sight()
-    many = faults(write_pictures(tmp_path / "many", masks[::3]))
+        Examination(session, diagnosis).check_sight()
+    many = faults(write_pictures(tmp_path / "many", masks[::9]))
     assert all(fault.kind != "empty" for fault in many), many
 
 
 def faults(folder: Path, **settings) -> list[Fault]:
     return diagnose(Session(Sequence.open(folder, **settings), Device.best())).faults
-
-
-def test_sound_footage_has_no_faults(tmp_path: Path, masks: np.ndarray) -> None:
-    diagnosis = diagnose(Session(Sequence.open(write(tmp_path / "a", masks)), NumpyDevice()))
-    assert diagnosis.faults == []
 
 
 def with_k1(k1: list[float]) -> CameraRig:
@@ -126,20 +127,17 @@ def test_dropped_distortion(tmp_path: Path) -> None:
     assert faults(write(tmp_path / "rectified", film(of_one), of_one)) == []
 
 
-@pytest.mark.parametrize("pair", [(0, 1), (1, 4)])
-def test_exchanged_cameras(tmp_path: Path, masks: np.ndarray, pair: tuple[int, int]) -> None:
+def test_exchanged_cameras(tmp_path: Path, masks: np.ndarray) -> None:
     spoilt = masks.copy()
-    spoilt[:, list(pair)] = masks[:, list(pair[::-1])]
+    spoilt[:, [1, 4]] = masks[:, [4, 1]]
     (fault,) = faults(write(tmp_path / "a", spoilt))
-    assert fault.kind == "exchange" and fault.cameras == tuple(NAMES[view] for view in pair)
+    assert fault.kind == "exchange" and fault.cameras == ("c1", "c4")
 
 
-@pytest.mark.parametrize("late", [3, -6])
-def test_late_cameras_are_named_and_mended(tmp_path: Path, masks: np.ndarray, late: int) -> None:
-    spoilt = masks.copy()
+def test_late_cameras_are_named_and_mended(tmp_path: Path, masks: np.ndarray) -> None:
+    late, spoilt = -6, masks.copy()
     spoilt[:, 2] = np.roll(masks[:, 2], late, axis=0)
-    kept = slice(max(late, 0), FRAMES + min(late, 0))
-    folder = write(tmp_path / "a", spoilt[kept])
+    folder = write(tmp_path / "a", spoilt[: FRAMES + late])
     diagnosis = diagnose(Session(Sequence.open(folder), NumpyDevice()))
     assert diagnosis.late == {"c2": late}
     assert "--sync auto" in str(diagnosis.faults[0]) and "c2" in str(diagnosis.faults[0])
@@ -148,8 +146,7 @@ def test_late_cameras_are_named_and_mended(tmp_path: Path, masks: np.ndarray, la
     assert diagnose(Session(mended, NumpyDevice())).faults == []
     shown = mended.read(0).masks
     assert shown is not None
-    first = max(late, 0) + max(0, -late)
-    np.testing.assert_array_equal(shown > 0, masks[first] > 0)
+    np.testing.assert_array_equal(shown > 0, masks[-late] > 0)
 
 
 def test_sync_auto_is_applied_and_remembered(
@@ -159,33 +156,26 @@ def test_sync_auto_is_applied_and_remembered(
     spoilt[8:, 1] = masks[:-8, 1]
     folder, out = write(tmp_path / "a", spoilt[8:]), tmp_path / "out"
     command = ["reconstruct", str(folder), "-o", str(out), "--voxel-size", "0.05"]
-    assert main([*command, "--sync", "auto", "--no-colour", "--frames", "0:3"]) == 0
+    assert main([*command, "--sync", "auto", "--no-colour", "--frames", "0:1"]) == 0
     assert "c1 +8" in capsys.readouterr().err
-    assert main(["info", str(folder), "--sync", "auto"]) == 0
-    assert "c1 +8" in capsys.readouterr().out
     assert main(["check", str(out)]) == 0
     said = capsys.readouterr().out
     assert "late" not in said and "disagrees" not in said
 
 
-def test_a_unit_wrong_by_a_power_of_ten(tmp_path: Path, masks: np.ndarray) -> None:
+def test_a_unit_wrong_by_a_power_of_ten(
+    tmp_path: Path, masks: np.ndarray, capsys: pytest.CaptureFixture[str]
+) -> None:
     large = CameraRig(tuple(replace(camera, t=100 * camera.t) for camera in rig()))
     folder = write(tmp_path / "a", masks, large)
     (fault,) = faults(folder)
     assert fault.kind == "unit" and "--unit cm" in str(fault)
+    assert apf.cli.main(["track", str(folder), "-o", str(tmp_path / "out")]) == 2
+    assert "--unit cm" in capsys.readouterr().err and not (tmp_path / "out").exists()
     inches = CameraRig(tuple(replace(camera, t=camera.t / 0.0254) for camera in rig()))
     (fault,) = faults(write(tmp_path / "b", masks, inches))
     assert "it looks like inches: --unit 0.0254" in str(fault)
     assert faults(folder, unit="cm") == [] and faults(folder, subject="object") == []
-
-
-def test_a_person_of_a_hundred_metres_is_not_tracked(
-    tmp_path: Path, masks: np.ndarray, capsys: pytest.CaptureFixture[str]
-) -> None:
-    large = CameraRig(tuple(replace(camera, t=100 * camera.t) for camera in rig()))
-    folder = write(tmp_path / "a", masks[:12], large)
-    assert apf.cli.main(["track", str(folder), "-o", str(tmp_path / "out")]) == 2
-    assert "--unit cm" in capsys.readouterr().err and not (tmp_path / "out").exists()
 
 
 def test_leaving_a_camera_out_keeps_the_match_by_order(tmp_path: Path, masks: np.ndarray) -> None:
@@ -233,13 +223,12 @@ def test_cameras_that_outline_different_people_are_of_one_take(tmp_path: Path) -
     assert all(not fault.spoils for fault in faults(write(tmp_path / "a", both)))
 
 
-@pytest.mark.parametrize("view", [0, 3])
-def test_one_mirrored_camera(tmp_path: Path, masks: np.ndarray, view: int) -> None:
+def test_one_mirrored_camera(tmp_path: Path, masks: np.ndarray) -> None:
     spoilt = masks.copy()
-    spoilt[:, view] = masks[:, view, :, ::-1]
+    spoilt[:, 3] = masks[:, 3, :, ::-1]
     (fault,) = faults(write(tmp_path / "a", spoilt))
-    assert fault.kind == "flipped" and fault.cameras == (f"c{view}",)
-    assert f"the pictures of camera c{view} are mirrored" in str(fault)
+    assert fault.kind == "flipped" and fault.cameras == ("c3",)
+    assert "the pictures of camera c3 are mirrored" in str(fault)
 
 
 def test_an_empty_room(tmp_path: Path, masks: np.ndarray) -> None:
@@ -276,12 +265,6 @@ def test_masks_of_other_values(tmp_path: Path, masks: np.ndarray) -> None:
     assert all("black and white exchanged" in fault.text for fault in inverted)
 
 
-def test_a_camera_that_shows_nothing(tmp_path: Path) -> None:
-    """All pictures of these videos are of one brightness."""
-    found = faults(footage.native(tmp_path / "walk"))
-    assert {fault.kind for fault in found if fault.serious} == {"empty"}
-
-
 def test_another_up_axis(tmp_path: Path, masks: np.ndarray) -> None:
     folder = write(tmp_path / "a", masks)
     assert rig_warnings(Sequence.open(folder).rig) == []
@@ -308,7 +291,7 @@ def test_a_camera_in_another_unit(tmp_path: Path, masks: np.ndarray) -> None:
     (fault,) = faults(write(tmp_path / "a", masks, CameraRig(tuple(cameras))))
     assert fault.kind == "calibration" and "camera c2 stands" in str(fault)
     cameras[2] = replace(rig()[2], K=np.array([[6.0, 0, 80], [0, 6, 60], [0, 0, 1]]))
-    (fault,) = faults(write(tmp_path / "b", masks, CameraRig(tuple(cameras))))
+    (fault,) = find_rig_faults(CameraRig(tuple(cameras)))
     assert fault.kind == "calibration" and "expected pixels, not mm" in str(fault)
 
 
@@ -340,9 +323,8 @@ def test_a_calibration_of_camera_to_world(tmp_path: Path, masks: np.ndarray) -> 
 def test_poor_silhouettes_are_told_from_a_calibration(
     tmp_path: Path, masks: np.ndarray, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    speckled = masks.copy()
-    noise = np.random.default_rng(0).random((FRAMES, 5, 12, 16)) < 0.3
-    speckled[:] = 255 * noise.repeat(10, 2).repeat(10, 3)
+    noise = np.random.default_rng(0).random((12, 5, 12, 16)) < 0.3
+    speckled = np.uint8(255) * noise.repeat(10, 2).repeat(10, 3)
     fault = faults(write(tmp_path / "a", speckled))[0]
     assert fault.kind == "disagrees" and "silhouettes are poor" in str(fault)
     elsewhere = CameraRig(

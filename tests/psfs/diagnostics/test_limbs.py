@@ -43,7 +43,7 @@ def outline(camera, time, radius, wider):
     conic /= -conic[2, 2]
     middle = -conic[:2, 2]
     root = np.linalg.cholesky(conic[:2, :2] + np.outer(middle, middle))
-    angles = np.linspace(0, 2 * np.pi, 400, endpoint=False)
+    angles = np.linspace(0, 2 * np.pi, 200, endpoint=False)
     circle = np.stack([np.cos(angles), np.sin(angles)], -1)
     normals = circle @ np.linalg.inv(root)
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
@@ -111,9 +111,8 @@ def test_an_error_of_one_camera_is_measured(parameter, wrong):
     assert found[1, parameter] == pytest.approx(-wrong, rel=0.25)
 
 
-@pytest.mark.parametrize("wider", [0.0, 1.5], ids=["exact", "1.5 px too wide"])
-def test_true_cameras_stay_however_wide_the_silhouettes_are(wider):
-    limbs = find_points(wider=wider)
+def test_true_cameras_stay_however_wide_the_silhouettes_are():
+    limbs = find_points(wider=1.5)
     assert len(limbs) > 500
     for view in (1, 3):  # one is late, one is in time
         found = measure(limbs, CAMERAS, LAGS, only(view, 1))

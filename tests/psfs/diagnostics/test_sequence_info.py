@@ -86,6 +86,6 @@ def test_real_millimetres_read_as_metres() -> None:
     assert any("millimetres" in warning for warning in sequence_info(sequence).warnings)
 
 
-@pytest.mark.parametrize("name", ["synth_walk_8cam", "utrecht_seated", "dancer8"])
+@pytest.mark.parametrize("name", ["synth_walk_8cam", "dancer8"])
 def test_real_folders_look_right(name: str) -> None:
     assert sequence_info(Sequence.open(shared_data(name))).warnings == []
