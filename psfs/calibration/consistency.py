@@ -53,7 +53,7 @@ def find_outlier_camera(
 def _limit_ratio(first: int, second: int) -> float:
     """Return the ratio of two variances, of so many independent errors, that chance exceeds at the
     rate of false alarms."""
-    return float(scipy.stats.f.ppf(1 - FALSE_ALARMS, first, second))
+    return float(scipy.special.fdtri(first, second, 1 - FALSE_ALARMS))
 
 
 def explain_disagreement(

@@ -76,7 +76,7 @@ def test_parameters_of_another_version_are_said(
 
 def test_the_dinosaur_is_watertight_and_fills_its_silhouettes(tmp_path: Path) -> None:
     folder = shared_data("middlebury_dino")
-    size = ["--volume", "-0.064,0.022,-0.068,0.019,-0.035,0.075", "--voxel-size", "0.0015"]
+    size = ["--volume", "-0.064,0.022,-0.068,0.019,-0.035,0.075", "--voxel-size", "0.002"]
     size += ["--no-colour", "--cameras", ",".join(Sequence.open(folder).rig.names[::2])]
     assert main(["reconstruct", str(folder), "-o", str(tmp_path), *size]) == 0
     assert main(["mesh", str(tmp_path), "--check"]) == 0

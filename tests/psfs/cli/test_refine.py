@@ -31,12 +31,10 @@ def person(frame: int) -> np.ndarray:
     return np.concatenate(found) + np.array([0.2 * np.sin(0.05 * frame), 0.1, 0])
 
 
-@pytest.fixture(scope="module")
-def take(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("refine") / "take"
+def film(folder: Path, frames: int) -> Path:
     for camera in EXACT:
         (folder / "masks" / camera.name).mkdir(parents=True)
-        for frame in range(20):
+        for frame in range(frames):
             mask = np.zeros(camera.size[::-1], np.uint8)
             _, y, x, _ = camera.look_up(person(frame))
             mask[y, x] = 255
@@ -58,13 +56,13 @@ def misfit(rig: CameraRig) -> float:
     return float(np.mean([np.abs(a.project(points)[0] - b.project(points)[0]) for a, b in pairs]))
 
 
-def test_a_take_corrects_its_cameras(take: Path, tmp_path: Path) -> None:
+def test_a_take_corrects_its_cameras(tmp_path: Path) -> None:
     turns = np.radians([[0.5, 0.3, 0], [-0.5, 0.4, 0.2], [0.1, -0.6, 0.3], [-0.2, 0, -0.6]])
     off = []
     for camera, turn in zip(EXACT, turns, strict=True):
         R = cv2.Rodrigues(turn)[0] @ camera.R
         off.append(replace(camera, R=R, t=-R @ camera.centre))
-    code, report = refine(take, tmp_path / "out", CameraRig(tuple(off)))
+    code, report = refine(film(tmp_path / "take", 14), tmp_path / "out", CameraRig(tuple(off)))
     assert code == 0 and report["corrected"] is True
     corrected = read_calibration(tmp_path / "out" / "calibration.toml")
     assert misfit(corrected) < 0.7 * misfit(CameraRig(tuple(off)))
@@ -74,20 +72,21 @@ def test_a_take_corrects_its_cameras(take: Path, tmp_path: Path) -> None:
     assert abs(late["value"]) < 4 * late["standard_deviation"]
 
 
-def test_sound_cameras_are_kept(take: Path, tmp_path: Path) -> None:
-    code, report = refine(take, tmp_path / "out", EXACT)
+def test_sound_cameras_are_kept(tmp_path: Path) -> None:
+    code, report = refine(film(tmp_path / "take", 12), tmp_path / "out", EXACT)
     assert code == 0 and report["corrected"] is False
     kept = read_calibration(tmp_path / "out" / "calibration.toml")
     assert misfit(kept) < 1e-3
     assert "are kept" in str(report["verdict"])
 
 
-def test_two_cameras_are_refused(
-    take: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_two_cameras_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    take = film(tmp_path / "take", 1)
     write_toml_tables(take / "calibration.toml", EXACT)
     flags = ["--refine", "--cameras", "c0,c1", "-o", str(tmp_path / "out")]
     assert main(["calibrate", str(take), *flags]) == 2
     assert "expected three or more" in capsys.readouterr().err
-    assert main(["calibrate", str(take), "--refine", "--floor", "0", "-o", str(tmp_path)]) == 2
+    assert (
+        main(["calibrate", str(take), "--refine", "--floor", "0", "-o", str(tmp_path / "out")]) == 2
+    )
     assert "applies only to boards and wands" in capsys.readouterr().err

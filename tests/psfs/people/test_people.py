@@ -40,9 +40,8 @@ def test_four_men_are_four(device: Device) -> None:
     """Three who touch, and a ghost that explains a man; the men of other moments stand elsewhere,
     and nothing hides them."""
     sequence = Sequence.open(shared_data("utrecht_four_men_4cam"))
-    for moment in (4, 6):
-        session = Session(sequence, device, SessionSettings(selection=slice(moment, moment + 1)))
-        assert count_people(examine(session).session).counts.tolist() == [4]
+    session = Session(sequence, device, SessionSettings(selection=slice(7, 8)))
+    assert count_people(examine(session).session).counts.tolist() == [4]
 
 
 def test_moments_that_do_not_follow_one_another_are_said(device: Device) -> None:
