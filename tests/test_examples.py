@@ -8,9 +8,13 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
+from unittest.mock import create_autospec
 
+import numpy as np
 import pytest
 
+import psfs.mesh.preview
+import psfs.output.preview
 from apf.synthetic.generate import generate
 from apf.synthetic.scene import SceneConfig
 from cl import Device
@@ -24,13 +28,15 @@ SMALLER: dict[str, dict[str, str]] = {
         "np.linspace(-40, 40, 41)": "np.linspace(-40, 40, 5)",
     },
     "reconstruction": {
-        "frames=11, size=(480, 360)": "frames=11, size=(160, 120)",
+        "frames=11, size=(480, 360)": "frames=3, size=(160, 120)",
+        "sequence.read(10)": "sequence.read(0)",
+        "_000010.png": "_000000.png",
         "psfs.Session(sequence, device)": (
             "psfs.Session(sequence, device, psfs.SessionSettings(voxel_size=0.05))"
         ),
     },
     "tracking": {
-        "frames=24, size=(400, 300)": "frames=6, size=(160, 120)",
+        "frames=24, size=(400, 300)": "frames=3, size=(160, 120)",
         "n_particles=100, n_layers=8": "n_particles=30, n_layers=2",
         "voxel_size=0.025": "voxel_size=0.05",
     },
@@ -96,9 +102,14 @@ def shell() -> Iterator[Any]:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_runs_from_top_to_bottom(name: str, shell: Any) -> None:
+def test_runs_from_top_to_bottom(name: str, shell: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Shaded views are black pictures, as in the runs of other tests."""
     from IPython.utils.capture import capture_output
 
+    picture = np.zeros((4, 6, 3), np.uint8)
+    for draw in (psfs.mesh.preview.draw_mesh_preview, psfs.output.preview.draw_preview):
+        black = create_autospec(draw, return_value=picture)
+        monkeypatch.setattr(f"{draw.__module__}.{draw.__name__}", black)
     cells = read(name)
     make_smaller(cells, SMALLER[name])
     shell.reset()

@@ -30,20 +30,6 @@ from psfs.reference.reprojection import proximity
 NAMES = ("rymut31", "rymut31_upper", "rymut31_lower")
 
 
-def test_tables_4_1_and_4_6() -> None:
-    body = load_body("rymut31")
-    axes = {bone.name: len(bone.axes) for bone in body.bones}
-    expected = {"pelvis": 6, "thorax": 2, "head": 3}
-    for side in "lr":
-        expected |= {f"{side}_clavicle": 2, f"{side}_upper_arm": 3, f"{side}_forearm": 1}
-        expected |= {f"{side}_axis": 0, f"{side}_thigh": 3, f"{side}_calf": 1}
-    assert axes == expected and body.n_dof == 31
-    bones = [body.bones[cone.bone].name for cone in body.cones]
-    assert len(bones) == 15 and bones.count("l_calf") == bones.count("r_forearm") == 2
-    assert all(cone.in_images for cone in body.cones)
-    assert [load_body(name).n_dof for name in NAMES[1:]] == [23, 14]
-
-
 def common(body: BodyModel, whole: BodyModel, pose: np.ndarray) -> np.ndarray:
     return pose[[whole.dof_names.index(name) for name in body.dof_names]]
 

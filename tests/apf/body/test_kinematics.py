@@ -12,7 +12,6 @@ from apf.body.kinematics import (
 )
 from apf.body.limbs import (
     add_ankles,
-    limb_chains,
     limb_joints,
     limb_masks,
     limb_names,
@@ -177,13 +176,6 @@ def test_the_trunk_branches_into_limbs() -> None:
         assert {f"{side}_thigh", f"{side}_calf"} in names
         assert {f"{side}_clavicle", f"{side}_upper_arm", f"{side}_forearm"} in names
     assert len(names) == 4
-
-
-@pytest.mark.parametrize("name", ["song31", "rymut31", "rymut31_lower", "rymut31_upper"])
-def test_the_bones_of_a_limb_follow_each_other(name: str) -> None:
-    body = load_body(name)
-    for chain in limb_chains(body):
-        assert [body.bones[child].parent for child in chain[1:]] == list(chain[:-1])
 
 
 def test_a_limb_reaches_for_places() -> None:

@@ -47,7 +47,7 @@ def test_pictures_show_what_is_counted(recorded: Path, tmp_path: Path) -> None:
     assert np.abs(untouched - footage.grey(3, 1)).max() <= footage.LOSS
 
 
-@pytest.mark.parametrize("shape", [["--shape", "18"], ["--device", "numpy"], ["--round-ends"]])
+@pytest.mark.parametrize("shape", [["--device", "numpy"], ["--round-ends"]])
 def test_other_shapes_and_the_twin(recorded: Path, tmp_path: Path, shape: list[str]) -> None:
     assert render(recorded, "-o", str(tmp_path), "--frames", "3:4", *shape) == 0
     assert cv2.imread(str(tmp_path / "silhouettes" / "cam02_000003.png"), 0).any()

@@ -12,7 +12,6 @@ from helpers.striders import track_of_poses
 from apf.body.kinematics import bone_matrices
 from apf.body.stature import stature
 from apf.cli import main
-from apf.evaluation.evaluate import evaluate
 from apf.evaluation.marker_truth import evaluate_markers, load_markers
 from apf.evaluation.truth import load_truth
 from apf.formats.c3d import read_c3d
@@ -111,13 +110,6 @@ def test_units_axes_rates_and_beginnings(tmp_path: Path) -> None:
     write_c3d(path, 1000 * markers[5:], labels, FPS, first=5)
     numbered = read_c3d(path).resample(FPS)
     assert numbered.frames.tolist() == list(range(5, N_FRAMES))
-
-
-def test_joints_of_a_c3d_of_ours(tmp_path: Path) -> None:
-    track = a_track()
-    track.save(tmp_path / "walk.c3d")
-    found = evaluate(track, load_truth(tmp_path / "walk.c3d"))
-    assert found.mean_error < 1e-5 and len(found.joint_names) == 15
 
 
 def test_a_set_of_one_s_own(tmp_path: Path) -> None:

@@ -78,12 +78,6 @@ def test_systematic_resampling_keeps_the_shares(n: int, offset: float) -> None:
     assert np.all(np.abs(counts - n * weights) < 1)
 
 
-def test_resampling_of_extremes() -> None:
-    np.testing.assert_array_equal(systematic_parents(np.full(5, 0.2), 0.5), np.arange(5))
-    np.testing.assert_array_equal(systematic_parents(np.eye(5)[3], 0.999), np.full(5, 3))
-    np.testing.assert_array_equal(systematic_parents(np.array([0.5, 0.5, 0]), 0.9), [0, 1, 1])
-
-
 def test_children_are_reflected_at_the_limits() -> None:
     lower, upper = np.array([-1.0, -np.inf, 0.0]), np.array([1.0, np.inf, 0.5])
     poses = np.array([[0.9, 5.0, 0.1], [-0.9, -5.0, 0.4]])

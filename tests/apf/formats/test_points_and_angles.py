@@ -8,7 +8,6 @@ import ezc3d
 import numpy as np
 import pytest
 from helpers import bodies
-from helpers.shared import shared_data
 from helpers.striders import strider, track_of_poses
 from scipy.spatial.transform import Rotation
 
@@ -267,13 +266,3 @@ def test_frames_counted_from_zero_and_short_rows(tmp_path: Path) -> None:
     np.testing.assert_array_equal(series.frames, [0, 1])
     assert np.isnan(series.joints[0, 1]).all()
     assert np.isnan(series.joints[1, 0]).any()
-
-
-@pytest.mark.parametrize("kind", ["", "_filt_butterworth_LSTM"])
-def test_pose2sim_files(kind: str) -> None:
-    folder = shared_data("pose2sim_balance") / "truth"
-    series = read_trc(folder / f"S00_P00_T01_BalancingTrial_0-100{kind}.trc", "pose2sim")
-    assert series.joints.shape == (100, 64 if "LSTM" in kind else 21, 3)
-    assert series.fps == 60
-    head = series.joints[:, series.joint_names.index("Head")]
-    assert np.all((head[:, 2] > 1.4) & (head[:, 2] < 1.9))  # Z up, metres

@@ -2,28 +2,21 @@
 
 from typing import Any
 
-import cv2
 import numpy as np
 import pytest
 from helpers import bodies, rendered, scenes
 from helpers.bodies import cone
 from helpers.kinds import other_kind
-from helpers.shared import shared_data
 
-from apf.body.model import BodyModel
 from apf.body.toml import load_body
-from apf.evaluation.joint_names import match_joints
-from apf.evaluation.truth import load_truth
 from apf.image_objective.config import OBJECTIVE_KINDS, ObjectiveConfig
 from apf.image_objective.objective import ImageObjective
-from apf.image_objective.renderer import cone_edges, whole_pictures
-from apf.initialisation.from_joints import fit_to_joints
+from apf.image_objective.renderer import cone_edges
 from apf.reference.image_objective.objective import NumpyImageObjective, objective_values
 from apf.reference.image_objective.render import flat_body
 from apf.scene import Scene
 from cl import Device, NumpyDevice
-from psfs.cameras.camera import Camera, CameraRig
-from psfs.sequence import Sequence
+from psfs.cameras.camera import Camera
 
 #: Looks along -x at the z axis, 1 px per cm at the origin.
 FRONT = Camera(
@@ -163,34 +156,3 @@ def test_the_five_functions_by_hand() -> None:
     assert values["aows"] == pytest.approx((0.6 * 0.5 + 0.4 * 0.25 + 1) / 2)
     assert values["aosp"] == pytest.approx((0.5**0.6 * 0.25**0.4 + 1) / 2)
     assert values["posp"] == pytest.approx(0.5**0.6 * 0.25**0.4)
-
-
-@pytest.fixture(scope="module")
-def walker() -> tuple[CameraRig, BodyModel, np.ndarray, np.ndarray]:
-    """Cameras, body, true pose (D,) and true silhouettes (V, H, W) of the walk's first frame."""
-    folder = shared_data("synth_walk_4cam")
-    rig, truth = Sequence.open(folder).rig, load_truth(folder / "truth.npz", "y-up")
-    places = match_joints(truth.joint_names)
-    joints = {name: truth.joints[0, place] for name, place in places.items()}
-    body, pose, _ = fit_to_joints(load_body("song31"), joints)
-    files = [folder / "truth_masks" / f"{camera.name}_000000.png" for camera in rig]
-    return rig, body, pose, np.stack([cv2.imread(str(f), 0) for f in files])
-
-
-@pytest.mark.parametrize(("round_ends", "least"), [(False, 0.85), (True, 0.89)])
-def test_the_walkers_true_pose_covers_its_silhouette(
-    device: Device, walker: Any, round_ends: bool, least: float
-) -> None:
-    """A step away f1 is much less."""
-    rig, body, pose, masks = walker
-    config = ObjectiveConfig(
-        kind="ws", silhouette_weight=1.0, edge_weight=0.0, round_ends=round_ends
-    )
-    away = pose.copy()
-    away[body.dof_names.index("pelvis.tx")] += 0.5
-    objective = ImageObjective(Scene(device, rig, None, body), 2, config)
-    maps = np.stack([masks, np.zeros_like(masks)], -1)
-    objective.observe(rendered.Maps(maps, whole_pictures(rig)).on(device))
-    right, wrong = 1 - rendered.score_poses(device, objective, np.stack([pose, away]))
-    assert right >= least
-    assert wrong < 0.4

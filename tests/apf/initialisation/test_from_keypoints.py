@@ -72,18 +72,16 @@ def test_known_height_and_shape_are_kept() -> None:
     )
 
 
-@pytest.mark.parametrize("damage", ["outliers", "exchange", "missing"])
+@pytest.mark.parametrize("damage", ["outliers", "exchange"])
 def test_what_networks_do_costs_little(clean_start: KeypointStart, damage: str) -> None:
-    """A fifth of the keypoints anywhere, left and right exchanged in a camera, a camera without."""
+    """A fifth of the keypoints anywhere, or left and right exchanged in a camera."""
     keypoints = of_poses(RIG, child(), poses_of(child()), noise=2.0)
     points, random = keypoints.points.copy(), np.random.default_rng(0)
     if damage == "outliers":
         wrong = random.random(points.shape[:3]) < 0.2
         points[wrong, :2] = random.uniform(0, 480, (wrong.sum(), 2))
-    elif damage == "exchange":
-        points[1] = points[1][:, locate_points(TEMPLATE, keypoints.names).partners]
     else:
-        points[1] = np.nan
+        points[1] = points[1][:, locate_points(TEMPLATE, keypoints.names).partners]
     damaged = replace(keypoints, points=points)
     start = start_from_keypoints(RIG, damaged, TEMPLATE, range(keypoints.n_frames))
     assert mean_error(start) < 1.25 * mean_error(clean_start) + 0.002

@@ -9,7 +9,6 @@ from helpers.keypoints import of_poses
 from apf.body.kinematics import posed_joints
 from apf.body.toml import load_body
 from apf.keypoints.association import associate_people, count_at_once, match_to_people
-from psfs.cameras.camera import CameraRig
 from psfs.people.people import People, Person
 from psfs.voxels.grid import VoxelGrid
 
@@ -98,14 +97,6 @@ def test_nobody_and_at_most_so_many() -> None:
     people = [walker((-0.8, 0), (0, 0)), walker((0.8, 0), (0, 0))]
     assert associate_people(shuffled(people) * np.nan, RIG, FPS) == []
     assert len(associate_people(shuffled(people), RIG, FPS, number=1)) == 1
-
-
-def test_two_cameras_are_enough() -> None:
-    rig = CameraRig(RIG.cameras[:2])
-    people = [walker((-0.8, 0), (0.01, 0))[:2], walker((0.8, 0.3), (0, 0))[:2]]
-    found = associate_people(shuffled(people), rig, FPS)
-    shares = np.array([[same(own, true) for true in people] for own in found])
-    assert sorted(shares.max(1)) == [1, 1]
 
 
 def walk(side: float) -> np.ndarray:

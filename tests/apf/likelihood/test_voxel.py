@@ -1,7 +1,6 @@
 """Errors of particles: what the twin says of known cases, and the kernels against the twin."""
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -18,18 +17,14 @@ from apf.reference.likelihood.voxel import (
     image_errors,
     posture_errors,
     sampled_surface,
-    subset,
     surface_errors,
     total_errors,
 )
 from apf.scene import Scene
-from cl import Array, Device, InputError, NumpyDevice
+from cl import Array, Device, InputError
 from psfs.cameras.camera import Camera, CameraRig
-from psfs.common.cones import CONE_FLOATS, cone_distances
-from psfs.reference.reprojection import NumpyReprojection
-from psfs.reference.surface import surface_voxels
+from psfs.common.cones import CONE_FLOATS
 from psfs.voxels.grid import VoxelGrid
-from psfs.voxels.host_voxels import HostVoxels
 
 NO_POINTS = np.empty((0, 3))
 
@@ -307,53 +302,6 @@ def test_cameras_that_see_nothing_are_replaced_by_the_others() -> None:
     assert errors(turned) == pytest.approx(worst + surface)
 
 
-def test_the_weights_of_the_settings_weigh() -> None:
-    rig, points = CameraRig((FRONT,)), np.array([[0.15, 0, 0.0]])
-    cones = np.concatenate([UPRIGHT, UPRIGHT], 1)
-    maps = np.zeros((1, 121, 101, 2), np.uint8)
-    maps[..., 0], maps[..., 1] = 204, 51
-    expected = {"edge": 0.8, "silhouette": 0.2, "surface": 0.5, "overlap": 1.0}
-    for name, value in expected.items():
-        weights: Any = {f"{other}_weight": 0.0 for other in expected} | {f"{name}_weight": 3.0}
-        config = LikelihoodConfig(**weights)
-        sampling = np.array([[8, 5], [8, 5]])
-        found = total_errors(rig, cones, FrameEvidence(maps, points), sampling, [(0, 1)], config)
-        np.testing.assert_allclose(found, [3 * value], err_msg=name)
-
-
-@pytest.mark.parametrize("song_alone", [False, True])
-def test_the_true_pose_has_the_least_error(song_alone: bool) -> None:
-    """Voxels of a known pose: it beats its neighbours, far poses lose most (sign of eq. 16)."""
-    body, rig = bodies.named("song31"), scenes.ring(4, size=(193, 151))
-    alone = {"surface_weight": 0.0, "overlap_weight": 0.0}
-    config = LikelihoodConfig(**alone) if song_alone else LikelihoodConfig()  # type: ignore[arg-type]
-    grid = VoxelGrid.covering(np.array([-0.7, -0.7, -0.1]), np.array([0.7, 0.7, 1.9]), 0.03)
-    truth = body.rest_pose
-    inside = cone_distances(grid.centres(), posed_cones(body, truth[None])[0]).min(1) < 0
-    occupied = inside.reshape(grid.shape)
-    voxels = HostVoxels(grid, occupied.astype(float), surface_voxels(occupied), 0)
-    maps = NumpyReprojection(NumpyDevice(), rig, grid)(voxels)
-    points = sampled_surface(voxels.cloud().centres, config.n_points)
-    steps = np.random.default_rng(0).normal(0, 1, (30, body.n_dof)) * body.sigma
-    poses = np.clip(
-        truth + np.concatenate([0 * steps[:1], 3 * steps, 12 * steps]), body.lower, body.upper
-    )
-    seen, sampling = FrameEvidence(maps, points), choose_cone_sampling(body, 0.04)
-    errors = total_errors(rig, posed_cones(body, poses), seen, sampling, body.apart, config)
-    assert errors[0] == errors.min()
-    assert errors[0] < np.median(errors[1:31]) < np.median(errors[31:])
-
-
-def test_shares_of_the_surface_are_every_so_many() -> None:
-    points = np.arange(30.0).reshape(10, 3)
-    parts = [subset(points, turn, 4) for turn in range(4)]
-    np.testing.assert_array_equal(parts[1], points[[1, 5, 9]])
-    np.testing.assert_array_equal(parts[2], points[[2, 6, 0]])  # all of the same size
-    np.testing.assert_array_equal(subset(points, 6, 4), parts[2])
-    np.testing.assert_array_equal(subset(points, 3, 1), points)
-    assert subset(points[:0], 1, 4).shape == (0, 3) and subset(points[:1], 3, 4).shape == (1, 3)
-
-
 def test_posture_error_counts_sigmas_from_rest() -> None:
     body = bodies.named("song31")
     bound = np.flatnonzero(np.isfinite(body.posture_sigma))
@@ -362,15 +310,3 @@ def test_posture_error_counts_sigmas_from_rest() -> None:
     poses[2, bound[:2]] -= body.posture_sigma[bound[:2]]
     poses[:, np.isinf(body.posture_sigma)] += 5.0  # no value is likelier
     np.testing.assert_allclose(posture_errors(body, poses), [0, 4, 2], atol=1e-12)
-
-
-def test_the_clavicle_that_fits_best_rises_with_the_arm() -> None:
-    body = bodies.named("song32")
-    clavicle, arm = (body.dof_names.index(f"r_{name}.rx") for name in ("clavicle", "upper_arm"))
-    angles = np.linspace(0, 0.5, 501)
-    best = []
-    for lifted in (0.0, np.pi / 2, 2.6):  # relative to the clavicle, whose rise adds to it
-        poses = np.tile(body.rest_pose, (len(angles), 1))
-        poses[:, clavicle], poses[:, arm] = angles, lifted
-        best.append(angles[posture_errors(body, poses).argmin()])
-    assert best[0] == 0 and 0.02 < best[1] < 0.05 and 0.4 < best[2] < 0.45

@@ -62,8 +62,14 @@ def judged(scene: Scene, track: Track) -> Quality:
     return Quality(track, compare_with_silhouettes(session, automatic_grid(session), track))
 
 
-def test_a_good_track_looks_good(scene: Scene) -> None:
-    quality = judged(scene, scene[1])
+@pytest.fixture(scope="module")
+def good(scene: Scene) -> Quality:
+    """What is said of the true poses."""
+    return judged(scene, scene[1])
+
+
+def test_a_good_track_looks_good(good: Quality) -> None:
+    quality = good
     assert quality.verdict == "good" and 0.01 < quality.expected_error < 0.04
     assert np.median(quality.confidence) > 0.8
     facts = quality.facts()
@@ -79,16 +85,15 @@ def test_a_good_track_looks_good(scene: Scene) -> None:
         ("l_thigh.ry", 0.7, "left leg"),
     ],
 )
-def test_a_wrong_limb_is_named(dof: str, by: float, part: str, scene: Scene) -> None:
+def test_a_wrong_limb_is_named(dof: str, by: float, part: str, scene: Scene, good: Quality) -> None:
     """In the frames in which it is wrong."""
     track = scene[1]
     poses = track.poses.copy()
     poses[1:4, track.dof_names.index(dof)] += by
     quality = judged(scene, tracked(track.its_body, poses))
-    sound = judged(scene, track)
-    assert quality.expected_error > sound.expected_error
+    assert quality.expected_error > good.expected_error
     for name in quality.parts:  # an arm of a few pixels may be doubtful without a reason
-        new = set(quality.doubtful.get(name, ())) - set(sound.doubtful.get(name, ()))
+        new = set(quality.doubtful.get(name, ())) - set(good.doubtful.get(name, ()))
         assert new <= ({1, 2, 3} if name == part else set())
     assert {1, 2, 3} <= set(quality.doubtful[part])
     first, last = quality.facts()["look_at"][part][0]
@@ -125,8 +130,8 @@ def test_what_nothing_was_compared_with_is_not_called_good(scene: Scene) -> None
     assert Quality(replace(track, diagnostics=searched), None).verdict == "good"
 
 
-def test_a_short_clip_is_not_called_good(scene: Scene) -> None:
-    quality = judged(scene, replace(scene[1], fps=30.0))
+def test_a_short_clip_is_not_called_good(good: Quality) -> None:
+    quality = replace(good, track=replace(good.track, fps=30.0))
     assert quality.verdict == "unknown"
     assert quality.lines()[0].startswith("the track lasts for less than 0.5 s, too short to say")
 
@@ -140,17 +145,16 @@ def test_a_track_of_the_opposite_posture_is_bad(scene: Scene) -> None:
     assert judged(scene, tracked(track.its_body, poses)).verdict == "bad"
 
 
-def test_doubts_and_keypoints_elsewhere_are_not_called_good(scene: Scene) -> None:
-    good = judged(scene, scene[1])
+def test_doubts_and_keypoints_elsewhere_are_not_called_good(good: Quality) -> None:
     doubted = replace(good, doubts=("the keypoints of a and b look exchanged",))
     assert doubted.verdict == "doubtful"
     assert "in doubt because the keypoints of a and b look exchanged" in doubted.lines()
-    n = len(scene[1])
+    n = len(good.track)
     assert replace(good, near=np.ones(n)).verdict == "good"
     apart = replace(good, near=np.full(n, 0.8))
     assert apart.verdict == "doubtful" and len(apart.doubtful["keypoints away from the body"]) == n
     assert apart.facts()["doubts"] == ["only 80% of the keypoints are near the body"]
-    alone = Quality(scene[1], None, np.full(n, 0.02))
+    alone = Quality(good.track, None, np.full(n, 0.02))
     assert alone.verdict == "bad" and "2% of the keypoints near the body" in alone.lines()[0]
 
 

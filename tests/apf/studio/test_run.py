@@ -1,6 +1,7 @@
 """Starting a run from the page: its settings, its flags, its process and its results."""
 
 import json
+import shutil
 import signal
 import threading
 import time
@@ -15,7 +16,6 @@ from scipy.spatial.transform import Rotation
 
 pytest.importorskip("viser", reason="viser is not installed")
 
-from apf.cli import main
 from apf.request import TrackRequest
 from apf.studio.folders import Roots
 from apf.studio.opened import open_track
@@ -87,24 +87,10 @@ def test_a_command_states_what_its_request_states(tmp_path: Path) -> None:
     assert collect_settings(again) == collect_settings(request)
 
 
-def test_error_of_a_run_is_shown(tmp_path: Path) -> None:
-    work = Work(request_of(tmp_path, {"method": {"recover": False}}))
-    settings = Path(work.command[-1])
-    assert read_toml(settings) == {"method": {"recover": False}}
-    wait_for(lambda: work.ended)
-    work.close()
-    assert not work.succeeded and work.describe() == "ended early"
-    assert any("no such folder" in line for line in work.words), work.words
-    assert not settings.exists()
-
-
 @pytest.fixture(scope="module")
-def take(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def take(small_walk: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("takes") / "walk <i>"
-
-    flags = ["--cameras", "4", "--frames", "6", "--size", "160x120"]
-    assert main(["synth", "-o", str(folder), *flags]) == 0
-    return folder
+    return Path(shutil.copytree(small_walk, folder))
 
 
 @pytest.fixture
@@ -136,7 +122,7 @@ def test_footage_is_examined_and_its_silhouettes_are_drawn(page: Page, take: Pat
 def test_page_tracks_corrects_and_takes_home(page: Page, take: Path) -> None:
     page.open(take)
     run = page.run
-    for name, value in (("n_particles", 60), ("n_layers", 3)):
+    for name, value in (("n_particles", 60), ("n_layers", 2)):
         run.settings.chosen.set(("method", "filter", "search", name), value)
     run.frames.value, run.fast.value = "0:3", True
     more = {"report": False, "video": False, "voxel_size": 0.05, "all_cameras": True}
@@ -204,14 +190,15 @@ def track_name(page: Page) -> str:
     return next(iter(page.watch.opened.tracks))
 
 
-def test_two_presses_start_one_run(tmp_path: Path) -> None:
+def test_two_presses_start_one_run_whose_error_is_shown(tmp_path: Path) -> None:
     slot, barrier = WorkSlot(), threading.Barrier(4)
     started: list[Work] = []
+    tables = {"method": {"recover": False}}
 
     def press() -> None:
         barrier.wait()
         try:
-            started.append(slot.start(request_of(tmp_path)))
+            started.append(slot.start(request_of(tmp_path, tables)))
         except InputError as error:
             assert "one at a time" in str(error)
 
@@ -220,8 +207,15 @@ def test_two_presses_start_one_run(tmp_path: Path) -> None:
         thread.start()
     for thread in threads:
         thread.join()
-    assert len(started) == 1 and slot.work is started[0]
+    (work,) = started
+    assert slot.work is work
+    settings = Path(work.command[-1])
+    assert read_toml(settings) == tables
+    wait_for(lambda: work.ended)
     slot.close()
+    assert not work.succeeded and work.describe() == "ended early"
+    assert any("no such folder" in line for line in work.words), work.words
+    assert not settings.exists()
 
 
 def test_command_is_cancelled(take: Path, tmp_path: Path) -> None:

@@ -31,7 +31,7 @@ def rigs(pelvis: np.ndarray) -> dict[str, CameraRig]:
     amid = looking([x, y - 0.3, 1.4], [x + 0.6, y + 2.0, 1.2], (47, 35))  # parts behind it
     small = looking([x + 0.9, y + 0.5, 1.3], [x, y, 1.1], (45, 8))  # few rays for a simulator
     return {
-        "around": make_rig(SceneConfig(cameras=2, size=(76, 58), seed=2)),
+        "around": make_rig(SceneConfig(cameras=2, size=(60, 46), seed=2)),
         "near": CameraRig((near,)),
         "turned away": CameraRig((away,)),
         "amid the body": CameraRig((amid,)),
@@ -55,7 +55,8 @@ def drawn(
     return rig, renderer, primitives
 
 
-CASES = ["around", "near", "turned away", "amid the body", "small"]
+#: Two cameras, nobody, parts behind the camera, few rays for a simulator.
+CASES = ["around", "turned away", "amid the body", "small"]
 
 
 @pytest.mark.parity("synthetic/scene.render")
@@ -78,7 +79,7 @@ def test_kernel_agrees_with_twin(device: Device, case: str) -> None:
 
 
 @pytest.mark.parity("synthetic/scene.empty_room")
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("case", ["around", "small"])
 def test_the_empty_room_agrees_with_its_twin(device: Device, case: str) -> None:
     with traced("synthetic/scene.empty_room") as launches:
         rig, _, _ = drawn(device, case)
@@ -131,7 +132,7 @@ def test_tiles_list_what_their_rays_meet(device: Device, case: str) -> None:
 
 
 @pytest.mark.parity("synthetic/scene.smooth_edges")
-@pytest.mark.parametrize("case", ["around", "near", "small"])
+@pytest.mark.parametrize("case", ["near", "small"])
 def test_smooth_edges_agree_with_their_twin(device: Device, case: str) -> None:
     """Pixels at the outline show as much of the person as of 2 x 2 rays meet him."""
     with traced("synthetic/scene.smooth_edges") as launches:

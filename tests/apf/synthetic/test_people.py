@@ -15,7 +15,7 @@ from apf.synthetic.people import make_walks, presence
 from apf.synthetic.render import SyntheticScene
 from cl import Device
 
-SMALL = SceneConfig(cameras=2, frames=12, fps=2, size=(102, 78), seed=3, people=3, visitor=True)
+SMALL = SceneConfig(cameras=2, frames=12, fps=2, size=(64, 48), seed=3, people=3, visitor=True)
 
 
 @pytest.fixture(scope="module")
