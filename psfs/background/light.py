@@ -71,23 +71,26 @@ def fit_light(shown: np.ndarray, scene: np.ndarray, size: tuple[int, int]) -> np
     of the background, with a scale that shrinks. Each step fits gains and offsets given the
     previous field, and the field given the previous gains and offsets.
     """
-    mean, weight, place = scene[:3].T, scene[3:6].T, scene[6:].T
-    gain, offset = np.ones((len(shown), 3)), np.zeros((len(shown), 3))
-    slope, spread = np.zeros((len(shown), 2)), np.ones(len(shown))
+    mean, weight, place = scene[:3, None], scene[3:6, None], scene[6:].T
+    shown = np.ascontiguousarray(np.moveaxis(shown, -1, 0))  # NumPy is slow along an axis of three
+    gain, offset = np.ones((3, shown.shape[1], 1)), np.zeros((3, shown.shape[1], 1))
+    slope, spread = np.zeros((shown.shape[1], 2)), np.ones(shown.shape[1])
     for step in range(_STEPS):
         scale = max(_NARROWEST, _WIDEST / 2**step)
-        lit = mean * np.stack([1 + place @ of for of in slope])[..., None]
-        rest = shown - (gain[:, None] * lit + offset[:, None])
-        distance = (weight * rest**2).sum(-1)
+        lit = mean * np.stack([1 + place @ of for of in slope])
+        rest = shown - (gain * lit + offset)
+        distance = (weight * rest**2).sum(0)
         trust = (1 + distance / (3 * scale**2)) ** -2
         spread = (trust * distance).sum(-1) / (3 * EXPECTED_SPREAD2 * trust.sum(-1) + 1e-6)
-        weights = _INDEPENDENT * trust[..., None] * weight
-        bright = gain[:, None] * mean
-        square, product = (weights * bright * bright).sum(-1), (weights * bright * rest).sum(-1)
-        aa = (weights * lit * lit).sum(1) + _GAIN_STD**-2
-        bb = weights.sum(1) + _OFFSET_STD**-2
-        ab, b = (weights * lit).sum(1), (weights * shown).sum(1)
-        a = (weights * lit * shown).sum(1) + _GAIN_STD**-2
+        weights = _INDEPENDENT * trust * weight
+        bright = gain * mean
+        pull = weights * bright
+        square, product = (pull * bright).sum(0), (pull * rest).sum(0)
+        pull = weights * lit
+        aa = (pull * lit).sum(-1, keepdims=True) + _GAIN_STD**-2
+        bb = weights.sum(-1, keepdims=True) + _OFFSET_STD**-2
+        ab, b = (of.sum(-1, keepdims=True) for of in (pull, weights * shown))
+        a = (pull * shown).sum(-1, keepdims=True) + _GAIN_STD**-2
         determinant = aa * bb - ab * ab
         gain = np.clip((a * bb - b * ab) / determinant, *GAINS)
         offset = (aa * b - ab * a) / determinant
@@ -97,7 +100,7 @@ def fit_light(shown: np.ndarray, scene: np.ndarray, size: tuple[int, int]) -> np
             )
     spread, first = np.maximum(spread, 1.0), 1 + slope @ (1 / np.array(size) - 1)
     rest = np.stack([first, *(2 * slope / size).T, 1 / spread, 1.5 * np.log(spread), 0 * spread], 1)
-    return np.concatenate([gain, offset, rest], 1)
+    return np.concatenate([gain[..., 0].T, offset[..., 0].T, rest], 1)
 
 
 def _slope_change(

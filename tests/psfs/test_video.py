@@ -13,7 +13,7 @@ from cl import InputError
 from psfs.footage.media import open_media
 from psfs.sequence import Sequence
 
-WIDTH, HEIGHT, FRAMES = 320, 96, 75
+WIDTH, HEIGHT, FRAMES = 320, 96, 60
 TFF = {"flags": "+ilme+ildct", "x264-params": "tff=1:bframes=2:keyint=25"}
 OPEN = {"x264-params": "open-gop=1:bframes=3:keyint=25"}
 #: Codec, pixel format, options of the encoder and of the container.
@@ -153,7 +153,7 @@ def test_cameras_of_variable_rate_go_together_by_their_times(tmp_path: Path) -> 
     for table in tables.values():
         table["size"] = [WIDTH, HEIGHT]
     (tmp_path / "videos").mkdir()
-    lost = {"cam01": range(20, 26), "cam02": range(40, 46), "cam03": range(60, 66)}
+    lost = {"cam01": range(20, 26), "cam02": range(40, 46), "cam03": range(50, 56)}
     for name, gap in lost.items():
         times = [k / 25 + (0.24 if k >= gap.start else 0) for k in range(FRAMES - len(gap))]
         film(tmp_path / "videos" / f"{name}.mp4", times)

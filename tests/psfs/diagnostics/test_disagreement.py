@@ -22,7 +22,6 @@ from psfs.diagnostics.agreement import HullAgreement
 from psfs.diagnostics.arrangement_faults import find_outlier
 from psfs.diagnostics.examination import diagnose
 from psfs.diagnostics.fault import significant
-from psfs.diagnostics.occluders import find_hidden_in_box
 from psfs.sequence import Frame, Sequence
 from psfs.session import Session
 
@@ -60,13 +59,6 @@ class Spoilt:
         return replace(frame, images=images)
 
 
-@pytest.fixture
-def coarse(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The pictures are small: so may the voxels be few."""
-    monkeypatch.setattr("psfs.diagnostics.agreement._VOXELS", 30_000)
-    monkeypatch.setattr(find_hidden_in_box, "__defaults__", (60_000, 3))
-
-
 @pytest.fixture(scope="module")
 def walk(tmp_path_factory: pytest.TempPathFactory) -> Sequence:
     """Small pictures of a walk."""
@@ -96,7 +88,6 @@ def late_walk(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.mark.usefixtures("coarse")
 @pytest.mark.parametrize(
     ("kind", "reason"), [("noise", "looks like foreground"), ("black", "of one brightness")]
 )
@@ -108,7 +99,6 @@ def test_a_spoilt_camera_is_named(walk: Sequence, device, kind: str, reason: str
     assert len(found.left_out) == 1
 
 
-@pytest.mark.usefixtures("coarse")
 def test_sound_cameras_are_not_named(device, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("psfs.background.take._LONGEST_SIDE", 160)
     seated = Sequence.open(shared_data("utrecht_seated"))
@@ -116,8 +106,9 @@ def test_sound_cameras_are_not_named(device, monkeypatch: pytest.MonkeyPatch) ->
     assert [str(fault) for fault in faults if fault.serious] == []
 
 
-def test_clutter_and_furniture_accuse_no_camera() -> None:
+def test_clutter_and_furniture_accuse_no_camera(monkeypatch: pytest.MonkeyPatch) -> None:
     """Rafters across one picture, which touch the head, and a table before the legs in another."""
+    monkeypatch.setattr("psfs.diagnostics.agreement._VOXELS", 150_000)
     rig, plain, blocks = scenes.ring(6, size=(160, 120)), [], []
     corners = np.stack(np.meshgrid([-0.2, 0.2], [-0.15, 0.15], [0.1, 1.7]), -1).reshape(-1, 3)
     for frame in range(12):
@@ -139,7 +130,6 @@ def test_clutter_and_furniture_accuse_no_camera() -> None:
     assert number == 4 and significant(gains, np.log(2), 1e-3)
 
 
-@pytest.mark.usefixtures("coarse")
 def test_a_late_camera_is_named(
     late_walk: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -158,7 +148,6 @@ def test_a_late_camera_is_named(
     assert list(json.loads((out / "check.json").read_text())["disagreeing"]) == ["c2"]
 
 
-@pytest.mark.usefixtures("coarse")
 def test_the_library_leaves_it_out_too(late_walk: Path, caplog: pytest.LogCaptureFixture) -> None:
     folder = late_walk
     few: dict = {"frames": slice(20, 21), "voxel_size": 0.08}

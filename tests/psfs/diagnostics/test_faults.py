@@ -27,12 +27,6 @@ FRAMES = 36
 NAMES = [f"c{k}" for k in range(5)]
 
 
-@pytest.fixture(autouse=True)
-def _coarse(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The pictures are small: so may the hulls' voxels be few."""
-    monkeypatch.setattr("psfs.diagnostics.agreement._VOXELS", 30_000)
-
-
 @pytest.fixture(scope="module")
 def masks() -> np.ndarray:
     return film(rig())

@@ -60,7 +60,7 @@ def compare(
     return len(surface), int(found.n_active.get()[0])
 
 
-@pytest.mark.parametrize(("views", "distorted"), [(1, True), (2, False), (5, False), (16, True)])
+@pytest.mark.parametrize(("views", "distorted"), [(1, True), (5, False), (16, True)])
 def test_bricks_are_left_out_where_nothing_is(device: Device, views: int, distorted: bool) -> None:
     rig = scenes.ring(views)
     rig = rig if distorted else scenes.without_distortion(rig)
@@ -180,9 +180,7 @@ def test_strong_lenses(device: Device, lens: list[float]) -> None:
     bent = [replace(camera, distortion=np.array(lens)) for camera in scenes.ring(4, (161, 120))]
     rig, config = CameraRig(tuple(bent)), OccupancyConfig(min_cameras=1, prior=0.4)
     grid = VoxelGrid.covering(np.array([-2.5, -2.5, -0.5]), np.array([2.5, 2.5, 3.0]), 0.07)
-    for block in (8, 40):
-        evidence = evidence_of(rig, block, block)
-        compare(device, rig, grid, evidence, config)
+    compare(device, rig, grid, evidence_of(rig, 8, 8), config)
 
 
 def test_a_moved_grid_gives_what_a_new_one_gives(device: Device) -> None:
@@ -221,7 +219,7 @@ def test_agrees_with_the_twin(device: Device, shape: tuple[int, int, int], close
 
 @pytest.mark.parity("reconstruction/surface.mean_position")
 @pytest.mark.parametrize("shape", [*SHAPES, (60, 50, 40)])
-@pytest.mark.parametrize("share", [0.0, 0.1, 0.7])
+@pytest.mark.parametrize("share", [0.0, 0.7])
 def test_the_mean_position_agrees_with_the_twin(
     device: Device, shape: tuple[int, int, int], share: float
 ) -> None:
