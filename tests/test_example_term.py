@@ -16,7 +16,8 @@ ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "tests" / "example_term"
 TERMS = "silhouette,near_limits=0.7"
 SMALL = ["--particles", "40", "--layers", "2", "--voxel-size", "0.05", "--frames", "0:1"]
-TRACK = [*SMALL, "--one-way", "--no-overlay", "--no-report", "--likelihood", TERMS]
+TRACK = [*SMALL, "--one-way", "--all-cameras", "--no-overlay", "--no-report"]
+TRACK += ["--likelihood", TERMS]
 
 
 @pytest.fixture(scope="module")

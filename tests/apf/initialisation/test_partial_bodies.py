@@ -24,12 +24,10 @@ PARTS = ("rymut31_lower", "rymut31_upper")
 #: The part that is tracked: kernels are compiled anew for every body, and what stands on feet is
 #: tested with whole ones.
 TRACKED = "rymut31_upper"
-#: A small search: these voxels are exact, and the heading is clear.
-FAST = StartConfig(
-    n_headings=4,
-    n_kept=1,
-    filter=StartConfig().filter.with_changes(n_particles=100),
-)
+METHOD = Method.create(n_particles=100, n_layers=6, part_colour_weight=0.0)  # no pictures
+#: A small search: these voxels are exact, and the heading is clear. The filter is that of the
+#: recovery, whose kernels are compiled for it once.
+FAST = StartConfig(n_headings=4, n_kept=1, filter=METHOD.filter)
 
 
 def error(body: BodyModel, pose: np.ndarray, true: np.ndarray) -> float:
@@ -91,8 +89,7 @@ def test_partial_bodies_are_not_lost_for_the_parts_that_they_lack() -> None:
     scene = Scene(device, scenes.ring(4), GRID, body)
     start = np.array([walker(0)[SONG.dof_names.index(dof)] for dof in body.dof_names])
     poses = [*(walker(k) for k in range(3)), *(walker(k, 0.45) for k in range(3, 5))]
-    method = Method.create(n_particles=100, n_layers=6, part_colour_weight=0.0)  # no pictures
-    tracker = make_recovering_tracker(scene, method)
+    tracker = make_recovering_tracker(scene, METHOD)
     tracker.start(start)
     estimates = [tracker.step(surface_voxels(device, pose)) for pose in poses]
     assert not any(estimate.lost for estimate in estimates)

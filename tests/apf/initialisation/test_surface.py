@@ -28,7 +28,7 @@ LENGTHS = np.full(len(BODY.edges), 0.01)
 def found() -> tuple[np.ndarray, Surface]:
     """Poses of a person who is wider than the body, and the surface from the outlines."""
     wide = BODY.scaled({}, 1.15)
-    poses = bodies.random_poses(BODY, 8)
+    poses = bodies.random_poses(BODY, 5)
     poses[:, :3] = BODY.rest_pose[:3]
     outlines = [outlines_of(cones) for cones in posed_cones(wide, poses)]
     return poses, fit_surface(BODY, outlines, poses, LENGTHS)

@@ -81,7 +81,7 @@ def test_contours_are_those_of_the_twin(device: Device) -> None:
     images = np.random.default_rng(0).integers(0, 256, (*masks.shape, 3)).astype(np.uint8)
     images[0] = cv2.GaussianBlur(images[0], (0, 0), 2.0)
     picture: Any = scenes.frame(images=images, masks=masks)
-    config = FilterConfig.create(part_colour_weight=0.0).likelihood
+    config = FilterConfig().likelihood
     here = VoxelLikelihood(Scene(device, rig, grid, SONG), config, 37)
     here.observe(Reconstructor(device, rig, grid, None)(picture))
     term = here.terms["contour"]

@@ -45,12 +45,10 @@ def test_a_hidden_leg_costs_what_it_leaves_uncovered() -> None:
 
 
 @pytest.mark.parity("tracking/likelihood.score_poses")
-@pytest.mark.parametrize(
-    ("name", "views", "n_voxels"), [("song31", 5, 900), ("song31", 1, 0), ("stick", 5, 1)]
-)
-def test_kernels_agree_with_the_twin(device: Device, name: str, views: int, n_voxels: int) -> None:
+@pytest.mark.parametrize(("views", "n_voxels"), [(5, 900), (1, 0), (5, 1)])
+def test_kernels_agree_with_the_twin(device: Device, views: int, n_voxels: int) -> None:
     """Points on the very edge of a trapezoid may fall either way."""
-    body, rig, grid = bodies.named(name), scenes.ring(views), scenes.small_grid(0.1)
+    body, rig, grid = SONG, scenes.ring(views), scenes.small_grid(0.1)
     indices = np.arange(n_voxels, dtype=np.int32) * max(1, grid.size // 1000)
     poses = bodies.scattered_poses(body, 23)
     config = only("none").with_changes(silhouette_recall_weight=1.5, n_points=300, point_turns=2)

@@ -36,7 +36,7 @@ def day(tmp_path_factory: pytest.TempPathFactory) -> Path:
     board = cv2.aruco.CharucoBoard(SQUARES, SQUARE, 0.15, dictionary)
     picture = board.generateImage((60 * SQUARES[0], 60 * SQUARES[1]))
     rng = np.random.default_rng(1)
-    poses = [made.facing(rng, CAMERAS[k % 3].centre) for k in range(15)]
+    poses = [made.facing(rng, CAMERAS[k % 3].centre) for k in range(12)]
     made.film(folder / "board", CAMERAS, poses, made.board_picture(picture, SQUARE, SQUARES))
     shutil.copytree(folder / "board", folder / "walk")
     return folder

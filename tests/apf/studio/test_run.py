@@ -11,14 +11,16 @@ from typing import Any
 
 import numpy as np
 import pytest
+import tomli_w
 from helpers.commands import state_track
 from scipy.spatial.transform import Rotation
 
 pytest.importorskip("viser", reason="viser is not installed")
 
+from apf.cli import main
 from apf.request import TrackRequest
 from apf.studio.folders import Roots
-from apf.studio.opened import open_track
+from apf.studio.opened import RunningTake, open_track
 from apf.studio.page import Page
 from apf.studio.settings_panel import ChosenSettings
 from apf.studio.work import Work, WorkSlot, free_folder, state_flags
@@ -28,6 +30,7 @@ from cl import InputError, select_device
 from psfs.common.files import read_toml
 from psfs.common.requests import Stated, collect_settings
 from psfs.page.clouds import CarvedClouds
+from psfs.sequence import Sequence
 
 
 def test_settings_are_those_of_the_tree() -> None:
@@ -119,38 +122,27 @@ def test_footage_is_examined_and_its_silhouettes_are_drawn(page: Page, take: Pat
     assert 0.005 < changed < 0.5  # the person, not the room
 
 
-def test_page_tracks_corrects_and_takes_home(page: Page, take: Path) -> None:
+def test_page_tracks_corrects_and_takes_home(page: Page, take: Path, tmp_path: Path) -> None:
+    """The first run in this process, the second one, with the corrections, as the page has it."""
     page.open(take)
     run = page.run
     for name, value in (("n_particles", 60), ("n_layers", 2)):
         run.settings.chosen.set(("method", "filter", "search", name), value)
     run.frames.value, run.fast.value = "0:3", True
-    more = {"report": False, "video": False, "voxel_size": 0.05, "all_cameras": True}
-    stated = Stated({**more, "init": take / "truth.npz"}).over(run.make_request().stated)
-    work = run.start(TrackRequest.from_stated(stated))
-    running = run.find_running(work.output)
-    assert running is not None and running.sequence.folder == take
-    with pytest.raises(InputError, match="one at a time"):
-        run.start(run.make_request())
-    wait_for(lambda: work.ended)
-    assert work.succeeded, work.words
-    assert run.find_running(work.output) is None
-    wait_for(lambda: page.watch is not None and not run.line.cancel.visible)
+    first = tmp_path / "results" / "walk_i"
+    more = {
+        "report": False, "video": False, "voxel_size": 0.05, "all_cameras": True,
+        "init": take / "truth.npz", "output": first,
+    }  # fmt: skip
+    request = TrackRequest.from_stated(Stated(more).over(run.make_request().stated))
+    assert request.method.filter.search.n_particles == 60
+    settings = tmp_path / "settings.toml"
+    settings.write_text(tomli_w.dumps(dict(request.stated.tables)))
+    assert main(["track", *state_flags(request), "--config", str(settings)]) == 0
+    page.roots.add(first)
+    page.open(first)
     watch = page.watch
     assert watch is not None and watch.opened.frames.tolist() == [0, 1, 2]
-    settings = read_toml(work.output / "settings.toml")
-    assert settings["method"]["filter"]["search"]["n_particles"] == 60
-
-    summary = work.output / "summary.json"  # while a run goes on, there is none
-    told = summary.rename(summary.with_suffix(".kept"))
-    so_far = open_track(work.output, lambda: select_device("auto"), running=running)
-    assert so_far.sequence is running.sequence and not so_far.voxels_shown
-    assert isinstance(so_far.clouds, CarvedClouds)
-    so_far.clouds.want(True)
-    wait_for(lambda: so_far.clouds.get(0) is not None)
-    assert len(so_far.clouds.get(0).positions) > 20
-    so_far.close()
-    told.rename(summary)
 
     page.export.ending.value = ".bvh"
     name, content = page.export.make_file()
@@ -172,17 +164,30 @@ def test_page_tracks_corrects_and_takes_home(page: Page, take: Path) -> None:
     page.correct.mark_bad()
     assert "left wrist" in page.correct.list.content and "frames 2" in page.correct.list.content
     page.correct.track_again()
-    again = run.work
-    assert again is not None and again is not work
-    wait_for(lambda: again.ended)
-    assert again.succeeded, again.words
-    better = Track.open(again.output)
+    work = run.work
+    assert work is not None
+    wait_for(lambda: work.ended)
+    assert work.succeeded, work.words
+    wait_for(lambda: page.watch is not watch and not run.line.cancel.visible)
+    assert page.watch is not None and page.watch.opened.frames.tolist() == [0, 1, 2]
+    better = Track.open(work.output)
     off = np.linalg.norm(np.stack([t.joints[1, wrist] for t in (track, better)]) - goal, axis=1)
     assert off[1] < ERROR + 1e-3 < 0.5 * off[0]
     assert better.lost.tolist() == [False, False, True]
     assert any("left wrist" in line for line in list_corrections(better))
-    summary = json.loads((again.output / "summary.json").read_text())
+    path = work.output / "summary.json"
+    summary = json.loads(path.read_text())
     assert any("corrected by hand in frame 1" in line for line in summary["says"])
+
+    path.unlink()  # while a run goes on, there is none
+    running = RunningTake(Sequence.open(take), request.reconstruction)
+    so_far = open_track(work.output, lambda: select_device("auto"), running=running)
+    assert so_far.sequence is running.sequence and not so_far.voxels_shown
+    assert isinstance(so_far.clouds, CarvedClouds)
+    so_far.clouds.want(True)
+    wait_for(lambda: so_far.clouds.get(0) is not None)
+    assert len(so_far.clouds.get(0).positions) > 20
+    so_far.close()
 
 
 def track_name(page: Page) -> str:
@@ -218,17 +223,23 @@ def test_two_presses_start_one_run_whose_error_is_shown(tmp_path: Path) -> None:
     assert not settings.exists()
 
 
-def test_command_is_cancelled(take: Path, tmp_path: Path) -> None:
+def test_command_is_cancelled(page: Page, take: Path) -> None:
     """Also one that was started to ignore Ctrl-C, as by a shell in the background."""
-    stated = {"folders": (take,), "output": tmp_path / "out"}
+    page.open(take)
+    run = page.run
     usual = signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
-        work = Work(TrackRequest.from_stated(Stated(stated)))
+        work = run.start(run.make_request())
     finally:
         signal.signal(signal.SIGINT, usual)
+    running = run.find_running(work.output)
+    assert running is not None and running.sequence.folder == take
+    with pytest.raises(InputError, match="one at a time"):
+        run.start(run.make_request())
     wait_for(lambda: work.describe() != "beginning")
     assert 0 <= work.share < 1
     work.cancel()
     wait_for(lambda: work.ended)
     work.close()
     assert not work.succeeded and work.describe() == "ended early"
+    assert run.find_running(work.output) is None
