@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from helpers import footage
 from helpers.camera_texts import humaneva
-from helpers.shared import shared_data
 
 from cl import InputError
 from psfs.cameras.calibration import read_calibration
@@ -210,16 +209,6 @@ def test_files_are_named_after_cameras(
     else:
         right = {name: files[row] for name, row in zip(names, expected, strict=True)}
         assert match_files_to_cameras(names, files, "videos") == (right, None)
-
-
-def test_real_cameras_stand_where_the_readmes_say() -> None:
-    dancer = read_calibration(shared_data("dancer8") / "projection_matrices.txt", sizes=(780, 582))
-    np.testing.assert_allclose(dancer[0].centre, [-2.67, -3.80, 1.54], atol=0.01)
-    np.testing.assert_allclose(dancer[7].centre, [-2.42, -1.74, 3.35], atol=0.01)
-    balance = read_calibration(shared_data("pose2sim_balance") / "Calib.toml")
-    np.testing.assert_allclose(balance[3].centre, [-3.74, -1.42, 1.90], atol=0.01)
-    walk = read_calibration(shared_data("bodytrack_walk") / "CALIB", sizes=(640, 480))
-    assert all(2.4 < camera.centre[2] < 2.7 for camera in walk)
 
 
 BROKEN = [

@@ -18,7 +18,6 @@ from psfs.diagnostics.calibration_faults import find_rig_faults
 from psfs.diagnostics.examination import Examination, diagnose
 from psfs.diagnostics.fault import Fault
 from psfs.diagnostics.picture_faults import _measure_shift
-from psfs.diagnostics.sequence_info import rig_warnings
 from psfs.sequence import Sequence
 from psfs.session import Session
 from psfs.volume import find_volume
@@ -257,14 +256,6 @@ def test_masks_of_other_values(tmp_path: Path, masks: np.ndarray) -> None:
     inverted = [f for f in faults(write(tmp_path / "inverted", 255 - masks[:4])) if f.serious]
     assert [fault.cameras for fault in inverted] == [(name,) for name in NAMES]
     assert all("black and white exchanged" in fault.text for fault in inverted)
-
-
-def test_another_up_axis(tmp_path: Path, masks: np.ndarray) -> None:
-    folder = write(tmp_path / "a", masks)
-    assert rig_warnings(Sequence.open(folder).rig) == []
-    assert "up axis" in rig_warnings(Sequence.open(folder, up="y").rig)[0]
-    one = CameraRig(tuple(replace(camera, t=np.zeros(3)) for camera in rig()))
-    assert "stand at one place" in rig_warnings(one)[0]
 
 
 def test_mirrored_pictures(tmp_path: Path, masks: np.ndarray) -> None:

@@ -1,11 +1,11 @@
 """`psfs info`: facts and warnings."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from helpers import footage, scenes
-from helpers.shared import shared_data
 
 from psfs.cameras.camera import CameraRig
 from psfs.cameras.rig_geometry import find_seen_box
@@ -33,6 +33,8 @@ def test_warnings_of_a_wrong_rig() -> None:
     assert any("millimetres read as metres" in w for w in rig_warnings(scale_rig(rig, 1000)))
     assert any("metres read as milli" in w for w in rig_warnings(scale_rig(rig, 0.001)))
     assert any("up axis" in w for w in rig_warnings(rotate_rig(rig, rotation_to_z_up("-z"))))
+    one = CameraRig(tuple(replace(camera, t=np.zeros(3)) for camera in rig))
+    assert "stand at one place" in rig_warnings(one)[0]
     away = scenes.looking_at("lost", np.array([3, 0, 1.5]), np.array([9, 0, 1]), footage.SIZE, 60.0)
     assert rig_warnings(CameraRig((*rig, away))) == [
         "camera lost sees nothing of the volume the others share"
@@ -79,8 +81,3 @@ def test_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert "(-1.00, -1.00, 0.00) to (1.00, 1.00, 2.00) m" in captured.out
     assert captured.err == ""
     assert main(["info", str(folder), "--volume", "1,2,3"]) == 2
-
-
-def test_real_millimetres_read_as_metres() -> None:
-    sequence = Sequence.open(shared_data("bodytrack_walk"), unit="m")
-    assert any("millimetres" in warning for warning in sequence_info(sequence).warnings)

@@ -28,7 +28,7 @@ def distance_to_surface(mesh: trimesh.Trimesh) -> np.ndarray:
     return np.linalg.norm(mesh.vertices - CENTRE, axis=1) - RADIUS
 
 
-@pytest.mark.parametrize("smoothing", [0, 10, 50])
+@pytest.mark.parametrize("smoothing", [0, 50])
 def test_a_ball_stays_a_ball(smoothing: int) -> None:
     mesh = extract_surface(ball(), GRID, 0.5, smoothing)
     assert mesh.is_watertight and mesh.is_winding_consistent and mesh.euler_number == 2

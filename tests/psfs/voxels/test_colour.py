@@ -62,15 +62,6 @@ def test_depths_agree_with_the_twin(device: Device, views: int) -> None:
         assert np.isclose(depths[view], expected, rtol=1e-5).mean() > 0.99
 
 
-def test_voxels_around_and_behind_the_cameras(device: Device) -> None:
-    rig = scenes.ring(3)
-    grid = VoxelGrid.covering(np.full(3, -4.0), np.full(3, 4.0), 0.25)
-    frame = painted(rig)
-    frame = scenes.frame(images=frame.images, masks=np.full_like(frame.masks, 255))
-    colours, expected = both(device, rig, grid, frame)
-    assert (colours != expected).any(1).mean() < 0.03
-
-
 def test_a_voxel_behind_another_takes_no_colour_from_that_side(device: Device) -> None:
     """Cameras see red, but for one, which sees blue: only what it sees may be blue."""
     rig = scenes.without_distortion(scenes.ring(6))
