@@ -20,6 +20,8 @@ from apf.synthetic.scene import SceneConfig
 from cl import Device
 
 FOLDER = Path(__file__).parents[1] / "notebooks"
+#: That of `small_walk`, whose faults and box are then known.
+FILM = "frames=4, fps=60, size=(160, 120), seed=4"
 #: What the notebooks are run with here, smaller than they state.
 SMALLER: dict[str, dict[str, str]] = {
     "image_objectives": {
@@ -28,7 +30,7 @@ SMALLER: dict[str, dict[str, str]] = {
         "np.linspace(-40, 40, 41)": "np.linspace(-40, 40, 5)",
     },
     "reconstruction": {
-        "frames=11, size=(480, 360)": "frames=3, size=(160, 120)",
+        "frames=11, size=(480, 360)": FILM,
         "sequence.read(10)": "sequence.read(0)",
         "_000010.png": "_000000.png",
         "psfs.Session(sequence, device)": (
@@ -36,7 +38,7 @@ SMALLER: dict[str, dict[str, str]] = {
         ),
     },
     "tracking": {
-        "frames=24, size=(400, 300)": "frames=3, size=(160, 120)",
+        "frames=24, size=(400, 300)": FILM,
         "n_particles=100, n_layers=8": "n_particles=30, n_layers=2",
         "voxel_size=0.025": "voxel_size=0.05",
     },
@@ -44,9 +46,10 @@ SMALLER: dict[str, dict[str, str]] = {
         "FRAMES = 6": "FRAMES = 3",
         "range(8)": "range(3)",
         "frames[:3]": "frames[:2]",
-        "size=(320, 240)": "size=(160, 120)",
+        "cameras=4": "cameras=3",
+        "size=(320, 240)": "size=(96, 72)",
         "0.03, (67, 67, 67)": "0.06, (34, 34, 34)",
-        "n_particles=60, n_layers=5": "n_particles=40, n_layers=2",
+        "n_particles=60, n_layers=5": "n_particles=24, n_layers=2",
     },
 }
 NAMES = tuple(SMALLER)

@@ -88,16 +88,6 @@ def test_the_last_change_is_expected_again(device: Device, kind: str) -> None:
     assert [step(), step()] == pytest.approx([0, 0], abs=1e-6)
 
 
-@pytest.mark.parametrize("n_layers", [2, 3])  # frames end in one set, or in alternating ones
-def test_runs_repeat_bit_by_bit(device: Device, n_layers: int) -> None:
-    world, config = World(device), FilterConfig.create(n_particles=129, n_layers=n_layers, seed=3)
-    first, second = list(run(world, config, 3)), list(run(world, config, 3))
-    for a, b in zip(first, second, strict=True):
-        assert_equal(a, b)
-    other = list(run(world, config.with_changes(seed=4), 1))
-    assert np.any(other[0].pose != first[0].pose)
-
-
 @pytest.mark.parametrize("kind", ["own", "gpu"])
 def test_streams_give_what_steps_do(device: Device, kind: str) -> None:
     """Bit by bit, though every observation overwrites the one before; twice, a new start between;

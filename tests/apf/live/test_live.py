@@ -220,7 +220,7 @@ def test_with_one_camera_left_the_run_ends_and_what_was_tracked_is_kept(
 def test_a_camera_that_goes_is_told_and_used_again_when_it_comes_back(
     filmed: Path, tmp_path: Path, monkeypatch, capfd
 ) -> None:
-    names = film(monkeypatch, filmed, {"cam03": 12}, 150, back_after=40)
+    names = film(monkeypatch, filmed, {"cam03": 12}, 60, back_after=40)
     assert live(filmed, tmp_path / "out", *FEW, "--captures", *names) == 0
     said = " ".join(capfd.readouterr().err.split())
     gone, back = (said.index(words) for words in ("gives no more pictures", "gives pictures again"))

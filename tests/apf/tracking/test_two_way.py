@@ -216,15 +216,6 @@ def test_windows_overlap_and_give_every_frame_once(short_windows: None) -> None:
     assert told.count("tracking back") == len(expected)
 
 
-@pytest.mark.parametrize(("ahead", "behind"), [(-1.2, 0.0), (0.0, -1.2)])
-def test_an_arm_that_is_wrong_one_way_is_that_of_the_other(ahead: float, behind: float) -> None:
-    found = list[tuple[int, list[Estimate]]]()
-    ways = [Follower(off=ahead)], [Follower(off=behind)]
-    track_both_ways(found, NumpyDevice(), *ways, frames(9))
-    arm = [one.pose[ARM] for _, (one,) in found]
-    np.testing.assert_allclose(arm, BODY.rest_pose[ARM], atol=1e-6)
-
-
 @pytest.mark.parity("common/uncrop.uncrop")
 def test_kept_frames_are_restored_about_the_foreground(device: Device) -> None:
     """Bit by bit there; away from it, where nobody is, they go on as at the rim."""
