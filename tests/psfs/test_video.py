@@ -26,7 +26,12 @@ KINDS: dict[str, tuple[str, str, dict[str, str], dict[str, str]]] = {
     "interlaced.mts": ("libx264", "yuv420p", TFF, {}),
     "interlaced.mov": ("libx264", "yuv420p", TFF | {"x264-params": "bff=1:keyint=25"}, {}),
     "interlaced.mpg": ("mpeg2video", "yuv420p", {"flags": "+ilme+ildct", "g": "12"}, {}),
-    "browser.webm": ("libvpx", "yuv420p", {"auto-alt-ref": "1", "lag-in-frames": "16"}, {}),
+    "browser.webm": (
+        "libvpx",
+        "yuv420p",
+        {"auto-alt-ref": "1", "lag-in-frames": "16", "threads": "1"},
+        {},
+    ),
     "vp9.webm": ("libvpx-vp9", "yuv420p", {"lag-in-frames": "16", "cpu-used": "8"}, {}),
     "av1.mp4": ("libsvtav1", "yuv420p", {"preset": "12"}, {}),
     "camera.avi": ("mjpeg", "yuvj420p", {}, {}),
