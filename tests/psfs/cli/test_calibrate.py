@@ -3,6 +3,7 @@
 import json
 import shutil
 from pathlib import Path
+from typing import Any
 
 import cv2
 import ezc3d
@@ -11,6 +12,7 @@ import pytest
 from helpers import calibration as made
 from PIL import Image
 
+from psfs.calibration.pictures import write_view
 from psfs.cameras.calibration import read_calibration
 from psfs.cameras.calibration.toml_tables import write_toml_tables
 from psfs.cameras.camera import Camera, CameraRig
@@ -73,7 +75,14 @@ def without_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(f"psfs.cli.calibrate.{name}", lambda *_: None)
 
 
-def test_board_with_known_lenses(boards: Path, tmp_path: Path) -> None:
+def test_board_with_known_lenses(
+    boards: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def write_first(path: Path, *more: Any) -> None:
+        if path.stem == "cam01":  # half a second each
+            write_view(path, *more)
+
+    monkeypatch.setattr("psfs.cli.calibrate.write_view", write_first)
     out = tmp_path / "out"
     lenses = ("--intrinsics", str(boards / "lens.toml"), "--boards", "2")
     board = tmp_path / "charuco.toml"
@@ -91,7 +100,7 @@ def test_board_with_known_lenses(boards: Path, tmp_path: Path) -> None:
     report = json.loads((out / "calibration.json").read_text())
     assert all(of["reprojection_px"]["rms"] < 0.5 for of in report["cameras"].values())
     assert report["warnings"] == [] and "coverage" in report["cameras"]["cam01"]
-    for name in ("rig.png", *(f"cameras/{camera.name}.png" for camera in ARC)):
+    for name in ("rig.png", "cameras/cam01.png"):
         assert cv2.imread(str(out / name)).shape[1] > 1000
 
 
