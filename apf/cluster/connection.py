@@ -33,6 +33,8 @@ _OTHER_NETWORKS = ("tls", "ucx", "ucxx", "ws", "wss")
 #: Bytes; of a scheduler about 200.
 _LONGEST_GREETING = 2**16
 _GONE = "the scheduler has gone; what is finished is kept: give the command again"
+#: Time, s, between two looks for workers, and after which a cluster without any has lost them.
+_LOOK, _PATIENCE = 5.0, 60.0
 
 
 def import_distributed() -> ModuleType:
@@ -174,6 +176,7 @@ class DaskPool(Pool):
         )  # fmt: skip
         self._running.add(future)
         try:
+            self._wait(future)
             return future.result()
         except distributed.KilledWorker as error:
             worker = getattr(error.last_worker, "address", error.last_worker)
@@ -182,6 +185,20 @@ class DaskPool(Pool):
             raise InputError(_GONE) from None
         finally:
             self._running.discard(future)
+
+    def _wait(self, future: Any) -> None:
+        """Wait for the end of a task. Raises InputError if the cluster has no worker for long."""
+        distributed, left = import_distributed(), _PATIENCE
+        while left > 0:
+            try:
+                distributed.wait(future, timeout=_LOOK)
+                return
+            except distributed.TimeoutError:
+                left = _PATIENCE if self.count_workers() else left - _LOOK
+        raise InputError(
+            f"the scheduler has had no worker for {_PATIENCE:g} s; what is finished is kept: start "
+            "workers, and give the command again"
+        )
 
     def stop(self) -> None:
         if self._running and self._client.status == "running":
