@@ -25,9 +25,10 @@ from psfs.voxels.grid import VoxelCloud
 _CELL, _REACH = 0.04, 0.8
 #: Distance, m, from the body up to which matter is the body's: clothes, and hulls of few cameras.
 _CLOTHES = 0.05
-#: Share of the frames in which a cell holds matter that moves with the root; least thickness, m:
-#: arms in hulls of few cameras are thinner.
-_LASTING, _THICK = 0.5, 0.13
+#: Shares of the frames in which a cell holds matter that moves with the root: within a load, and of
+#: what is at least so thick, m, in a load alone. Arms that balance are in one place in half of the
+#: frames, and in hulls of few cameras they are thinner.
+_LASTING, _SURE, _THICK = 0.5, 0.8, 0.13
 #: Radius of the balls that fill a load, as a share of that of the largest one in it: arms beside it
 #: are thinner.
 _BULK = 0.6
@@ -53,15 +54,20 @@ def find_load(body: BodyModel, poses: np.ndarray, clouds: Sequence[VoxelCloud]) 
         inside = np.flatnonzero(((ijk >= 0) & (ijk < box.shape)).all(1))
         inside = inside[fill_cloud(cloud, box)[tuple(ijk[inside].T)]]
         lasting[inside] += cone_distances(centres[inside], cones).min(1) > _CLOTHES
-    matter = lasting.reshape(cells.shape[:3]) > _LASTING * len(clouds)
-    depth = np.asarray(scipy.ndimage.distance_transform_edt(matter)) - 0.5
-    if depth.max() * _CELL < _THICK / 2:
+    share = lasting.reshape(cells.shape[:3]) / max(1, len(clouds))
+    depth, sure = (_measure_depth(share > least) for least in (_LASTING, _SURE))
+    if sure.max() * _CELL < _THICK / 2:
         return []
     radius = _BULK * depth.max()
     core = keep_large_regions(depth >= radius, 1.0)
     filled = cells[np.asarray(scipy.ndimage.distance_transform_edt(~core)) <= radius]
     quarter = (filled[:, :2] > np.median(filled[:, :2], axis=0)) @ (1, 2)
     return [_fit_cone(f"{LOAD}_{k + 1}", filled[quarter == k]) for k in np.unique(quarter)]
+
+
+def _measure_depth(matter: np.ndarray) -> np.ndarray:
+    """Return how deep cells lie in matter (X, Y, Z) bool, in cells; below 0 outside."""
+    return np.asarray(scipy.ndimage.distance_transform_edt(matter)) - 0.5
 
 
 def add_load(template: BodyModel, load: Sequence[Cone], height: float) -> BodyModel:

@@ -65,7 +65,7 @@ def test_a_box_that_moves_with_the_trunk_is_found() -> None:
     assert {arm for arm, _ in apart} == arms and len(apart) == 16
 
 
-@pytest.mark.parametrize(("held", "size"), [(range(2), SIZE), (range(6), 0.1)])
+@pytest.mark.parametrize(("held", "size"), [(range(4), SIZE), (range(6), 0.1)])
 def test_people_arms_and_what_passes_are_no_load(held: range, size: float) -> None:
     poses = walking()
     assert find_load(BODY, poses, clouds(poses, held, size)) == []
