@@ -80,7 +80,7 @@ def find_hidden_pixels(session: Session) -> np.ndarray | None:
         volume = find_volume(session.with_frames(range(len(sequence))))
     except InputError:  # which the stages that need a volume report
         return None
-    small = find_hidden_in_box(shrink.small, evidence, volume.low, volume.high)
+    small = find_hidden_in_box(shrink.small, evidence, volume.low, volume.high, _VOXELS)
     if small is None:
         return None
     return np.stack([_enlarge(own, (rig.width, rig.height)) for own in small])
@@ -91,7 +91,7 @@ def find_hidden_in_box(
     evidence: list[np.ndarray],
     low: np.ndarray,
     high: np.ndarray,
-    voxels: int = _VOXELS,
+    voxels: int,
     margin: int = _MARGIN,
 ) -> np.ndarray | None:
     """Return (V, H, W) bool: the hidden pixels, from the evidence maps (V, H, W) int8 of some

@@ -2,12 +2,9 @@
 
 import pytest
 
-from psfs.diagnostics.occluders import find_hidden_in_box
-
 
 @pytest.fixture(autouse=True)
 def _coarse_searches(monkeypatch: pytest.MonkeyPatch) -> None:
     """Disagreeing cameras and furniture are searched in fewer voxels."""
     monkeypatch.setattr("psfs.diagnostics.agreement._VOXELS", 30_000)
-    _, margin = find_hidden_in_box.__defaults__
-    monkeypatch.setattr(find_hidden_in_box, "__defaults__", (60_000, margin))
+    monkeypatch.setattr("psfs.diagnostics.occluders._VOXELS", 60_000)
