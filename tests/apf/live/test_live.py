@@ -96,9 +96,9 @@ def test_a_recording_from_the_command_line(
     assert len(track) + sum(summary["dropped"].values()) <= 4
     said = capfd.readouterr()
     assert "mean error" in said.out and "poses per second can be found" in said.err
-    take, kept = Track.open(out / "take1"), track.frames >= track.frames[len(track) // 2]
-    np.testing.assert_array_equal(take.frames, track.frames[kept])
-    np.testing.assert_array_equal(take.poses, track.poses[kept])
+    take, recorded = Track.open(out / "take1"), track.frames >= track.frames[len(track) // 2]
+    np.testing.assert_array_equal(take.frames, track.frames[recorded])
+    np.testing.assert_array_equal(take.poses, track.poses[recorded])
     assert not (out / "take2").exists()
 
 
