@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Generator, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import suppress
 from typing import Any, TypeVar
 
 T = TypeVar("T")
@@ -15,7 +14,8 @@ def prefetch(items: Generator[T, None, None], depth: int) -> Iterator[T]:
     """Yield the items of a generator that a thread runs at most `depth` items ahead.
 
     An exception in the thread is raised here, after the items before it. When the consumer stops
-    early, the generator is closed, in its thread, before this returns.
+    early, the generator is closed before this returns: by the consumer, as nothing may be submitted
+    while garbage is collected, where another `submit` may hold the lock.
     """
     thread, begun, end = ThreadPoolExecutor(1, "psfs-decode"), deque[Future[Any]](), object()
     try:
@@ -29,6 +29,5 @@ def prefetch(items: Generator[T, None, None], depth: int) -> Iterator[T]:
     finally:
         for later in begun:
             later.cancel()
-        with suppress(RuntimeError):  # Python is ending, and has ended the thread
-            thread.submit(items.close)
         thread.shutdown()
+        items.close()
