@@ -1,5 +1,6 @@
 """Sequences: folder layouts, settings, frames, background, decoding ahead."""
 
+import concurrent.futures.thread
 import threading
 import time
 from collections.abc import Iterator
@@ -328,6 +329,17 @@ def test_prefetch_stops_cleanly_and_passes_errors_on() -> None:
         for value in prefetch(numbers(3), 2):
             seen.append(value)
     assert seen == [0, 1, 2] and closed.is_set() and threading.active_count() == before
+
+
+def test_prefetch_ends_while_another_thread_starts() -> None:
+    """Garbage collection may end it inside a `submit`, whose lock must then not be waited for."""
+    ahead = prefetch((i for i in range(100)), 2)
+    assert next(ahead) == 0
+    ended = threading.Thread(target=ahead.close, daemon=True)
+    with concurrent.futures.thread._global_shutdown_lock:
+        ended.start()
+        ended.join(10)
+        assert not ended.is_alive()
 
 
 def test_prefetch_is_bounded() -> None:
