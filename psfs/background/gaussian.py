@@ -211,14 +211,11 @@ def stack_median(stack: np.ndarray) -> np.ndarray:
 def select_rank(stack: np.ndarray, rank: np.ndarray | int) -> np.ndarray:
     """Return the value (...) of a `rank`, from 0, along the first axis of (n, ...) uint8, bit by
     bit from the highest: several times as fast as np.partition along the first axis."""
-    found, most = np.zeros(stack.shape[1:], np.uint8), np.uint8 if len(stack) < 256 else np.int32
-    less, count = np.empty(found.shape, bool), np.empty(found.shape, most)
+    found, less = np.zeros(stack.shape[1:], np.uint8), np.empty(stack.shape, bool)
     for bit in (128, 64, 32, 16, 8, 4, 2, 1):
         tried = found | np.uint8(bit)
-        count[...] = 0
-        for values in stack:
-            np.less(values, tried, out=less)
-            np.add(count, less.view(np.uint8), out=count)
+        np.less(stack, tried, out=less)  # one call for all: threads contend for Python's lock
+        count = less.view(np.uint8).sum(axis=0, dtype=np.uint8 if len(stack) < 256 else np.int32)
         found |= (count <= rank).view(np.uint8) * np.uint8(bit)
     return found
 

@@ -8,7 +8,7 @@ from cl import Array, Device, Launch
 from cl.workgroups import GROUP, pack_defines, size_defines
 from psfs.background.config import BackgroundConfig
 from psfs.background.gaussian import Background
-from psfs.cameras.camera import BLOCK, CameraRig
+from psfs.cameras.camera import CameraRig
 
 #: Columns and rows of the grid of pixels from which a picture's light is estimated.
 GRID = (64, 32)
@@ -128,16 +128,14 @@ def scale_light(light: np.ndarray, factor: float) -> np.ndarray:
 def relight_picture(image: np.ndarray, light: np.ndarray) -> np.ndarray:
     """Return a picture (h, w, 3) uint8 relit by the background's light, in whole grey levels from 0
     to 255."""
-    height, width = image.shape[:2]
-    gains, offsets = np.tile(light[:6].astype(np.float32).reshape(2, 3), width)
-    lines, relit = image.reshape(height, -1), np.empty((height, 3 * width), np.uint8)
-    for part in np.array_split(np.arange(height), -(-height * width // BLOCK)):
-        field = light_field(light, part[:, None], np.arange(width))
-        band = lines[part[0] : part[-1] + 1] - offsets
-        band /= gains * np.repeat(field, 3, axis=-1)  # NumPy is slow along an axis of three
-        band += np.float32(0.5)
-        relit[part[0] : part[-1] + 1] = np.clip(band, 0, 255, out=band)
-    return relit.reshape(image.shape)
+    field = light_field(light, *np.ogrid[: image.shape[0], : image.shape[1]])
+    relit, both = np.empty(image.shape, np.uint8), light[:6].astype(np.float32).reshape(2, 3)
+    for channel, (gain, offset) in enumerate(both.T):  # NumPy is slow along an axis of three
+        lit = np.subtract(image[..., channel], offset, dtype=np.float32)
+        lit /= gain * field
+        lit += np.float32(0.5)
+        relit[..., channel] = np.clip(lit, 0, 255, out=lit)
+    return relit
 
 
 def light_launch(

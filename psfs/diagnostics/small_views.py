@@ -18,7 +18,6 @@ from psfs.background.gaussian import Background, stack_median
 from psfs.cameras.camera import CameraRig
 from psfs.common.numbers import pick_evenly
 from psfs.common.pictures import scale_picture
-from psfs.common.progress import map_in_threads
 from psfs.footage.threads import prefetch
 from psfs.output.preview import tile_pictures
 from psfs.sequence import Frame, Sequence
@@ -124,7 +123,7 @@ def small_views(
     before: np.ndarray | None = None
     small_frames = shrink.frames(sequence.frames(slice(frames.start, frames.stop)))
     views = ((small.images, counts > 0) for small, counts in compute_ahead(small_frames, begin))
-    for number, measured in enumerate(map_in_threads(measure, views)):
+    for number, measured in enumerate(map(measure, views)):
         *row, silhouettes, grey = measured
         rows.append(row)
         now = silhouettes.view(np.uint8) * np.uint8(255) if grey is None else grey
