@@ -18,8 +18,7 @@ from apf.cluster.connection import (
     find_scheduler,
     import_distributed,
 )
-from apf.cluster.pool import Pool
-from apf.cluster.processes import Processes
+from apf.cluster.processes import Pool, Processes
 from apf.cluster.table import FILES, LOGS
 from apf.cluster.workers import share_machine
 from apf.request import TRIANGULATE, BatchRequest, TrackRequest

@@ -1,18 +1,22 @@
-"""A long take on several workers: its start, its chunks, and the joining of their tracks."""
+"""A long take on several workers: its start, its chunks, and the joining of their tracks.
+
+Cut a long take into overlapping chunks, and join the chunks' tracks.
+"""
 
 from __future__ import annotations
 
+import json
 import shutil
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 
 from apf.body.toml import load_body, save_body
 from apf.cli.batch_take import TakeDone, TakeJob, process_take, write_take
-from apf.cluster.chunks import cut_chunks, find_seam, join_tracks, to_millimetres
-from apf.cluster.pool import Pool, Task
+from apf.cluster.processes import Pool, Task
 from apf.cluster.task_side import TaskProgress, log_to
 from apf.cluster.workers import select_worker_device
 from apf.formats.pose import read_pose, write_pose
@@ -22,18 +26,71 @@ from apf.takes.job import TrackJob
 from apf.takes.results import FinishedTake, finish_take, write_tracks
 from apf.takes.start import find_first_pose, read_given_start
 from apf.tracking.take import Take
-from apf.tracking.track import Track
+from apf.tracking.track import Track, concatenate_tracks
 from apf.tracking.two_way import OVERLAP
 from cl import Device, InputError, NumpyDevice
 from psfs.diagnostics.examination import Examination
-from psfs.opening import (
-    examine_footage,
-    open_sequence,
-    open_session,
-    select_common_frames,
-)
+from psfs.opening import examine_footage, open_sequence, open_session, select_common_frames
 from psfs.session import Session
 from psfs.volume import automatic_grid, find_volume
+
+
+@dataclass(frozen=True)
+class Seam:
+    """The join of two chunks.
+
+    frame: first frame of the later chunk. distance: mean distance of the joints there, m; infinite
+    if the chunks share no frame in which neither is lost.
+    """
+
+    frame: int
+    distance: float
+
+
+def cut_chunks(frames: range, n_frames: int, overlap: int) -> list[range]:
+    """Return the frames of each chunk: about `n_frames`, and `overlap` frames of the next chunk."""
+    n_parts = max(1, round(len(frames) / n_frames))
+    edges = np.linspace(0, len(frames), n_parts + 1).round().astype(int).tolist()
+    if n_parts > 1 and min(np.diff(edges)) <= overlap:
+        return [frames]
+    return [frames[a : min(b + overlap, len(frames))] for a, b in pairwise(edges)]
+
+
+def find_seam(first: Track, second: Track) -> Seam:
+    """Find the frame of the overlap in which two tracks agree best."""
+    shared, of_first, of_second = np.intersect1d(first.frames, second.frames, return_indices=True)
+    if not shared.size:
+        return Seam(int(second.frames[0]), np.inf)
+    apart = np.linalg.norm(first.joints[of_first] - second.joints[of_second], axis=-1).mean(1)
+    apart[first.lost[of_first] | second.lost[of_second]] = np.inf
+    best = int(np.argmin(apart))
+    return Seam(int(shared[best]), float(apart[best]))
+
+
+def join_tracks(tracks: Sequence[Track]) -> tuple[Track, list[Seam]]:
+    """Join the tracks of consecutive chunks; return the track and its seams.
+
+    Its provenance is that of the first, with the seams under `parts`.
+    """
+    seams = [find_seam(a, b) for a, b in pairwise(tracks)]
+    begins = [-np.inf, *(s.frame for s in seams)]
+    ends = [*(s.frame for s in seams), np.inf]
+    parts = [
+        track.select((track.frames >= begin) & (track.frames < end))
+        for track, begin, end in zip(tracks, begins, ends, strict=True)
+    ]
+    provenance = json.loads(tracks[0].provenance)
+    provenance["parts"] = [
+        {"frame": s.frame, "apart_mm": to_millimetres(s.distance)} for s in seams
+    ]
+    whole = replace(concatenate_tracks(parts), provenance=json.dumps(provenance))
+    return whole, seams
+
+
+def to_millimetres(distance: float) -> float | None:
+    """Convert a distance, m, to mm for a file; None if it is not finite."""
+    return round(1000 * distance, 1) if np.isfinite(distance) else None
+
 
 #: The folder in OUT for takes that are tracked in chunks.
 PARTS = "parts"

@@ -12,7 +12,7 @@ from types import ModuleType
 from typing import Any
 from urllib.parse import urlsplit
 
-from apf.cluster.pool import ATTEMPTS, Pool, Task
+from apf.cluster.processes import ATTEMPTS, Pool, Task
 from apf.cluster.task_side import Progress, run_task, stop
 from apf.cluster.workers import set_up_worker
 from cl import InputError

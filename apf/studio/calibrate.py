@@ -11,8 +11,7 @@ import numpy as np
 
 from apf.studio.folders import CAMERAS
 from apf.studio.footage import VIEWER
-from apf.studio.found_target import FoundTarget
-from apf.studio.target_fields import PERSON, TargetFields
+from apf.studio.target_fields import PERSON, FoundTarget, TargetFields
 from apf.studio.work import Work, WorkLine, WorkSlot, free_folder
 from cl import UserError
 from psfs.calibration.targets.detection import (

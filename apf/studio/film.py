@@ -15,9 +15,8 @@ import numpy as np
 
 from apf.live.cameras import Captures, average_pictures
 from apf.studio.folders import CAMERAS
-from apf.studio.found_target import FoundTarget
 from apf.studio.opened import MakeDevice
-from apf.studio.target_fields import TargetFields
+from apf.studio.target_fields import FoundTarget, TargetFields
 from apf.studio.work import free_folder
 from cl import Device, InputError, NumpyDevice, UserError
 from psfs.backend import make_evidence_function

@@ -11,8 +11,7 @@ from pathlib import Path
 
 from accuracy.suite import Job, Outcome, done
 from apf.cluster.connection import DaskPool, connect_cluster
-from apf.cluster.pool import Pool, Task
-from apf.cluster.processes import Processes
+from apf.cluster.processes import Pool, Processes, Task
 from apf.cluster.task_side import TaskProgress
 from apf.cluster.workers import select_worker_device, share_machine
 from cl import Device, DeviceError, UserError

@@ -25,8 +25,7 @@ from typing import Any
 
 from apf.cli.batch_take import TakeDone, TakeJob, process_take
 from apf.cli.commands import COMMANDS
-from apf.cluster.pool import Pool, Task
-from apf.cluster.processes import Processes
+from apf.cluster.processes import Pool, Processes, Task
 from apf.cluster.workers import Share, list_own_cores, share_machine
 from apf.request import TrackRequest
 from apf.synthetic.generate import generate

@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 
 from cl import InputError, MissingFileError
-from psfs.cameras.calibration.colmap import read_colmap
 from psfs.cameras.calibration.common import (
     Calibration,
     Sizes,
@@ -13,20 +12,20 @@ from psfs.cameras.calibration.common import (
 )
 from psfs.cameras.calibration.filestorage import read_easymocap, read_filestorage
 from psfs.cameras.calibration.layouts import read_layout
-from psfs.cameras.calibration.matlab import read_matlab
 from psfs.cameras.calibration.number_lists import (
     SUFFIXES,
+    TSAI,
     looks_like_surrey,
+    looks_like_tsai,
     read_camera_files,
     read_humaneva,
     read_middlebury,
     read_surrey,
+    read_tsai,
 )
-from psfs.cameras.calibration.projections import read_projections
+from psfs.cameras.calibration.photogrammetry import read_colmap, read_transforms
+from psfs.cameras.calibration.projections import read_matlab, read_projections
 from psfs.cameras.calibration.toml_tables import read_toml_tables
-from psfs.cameras.calibration.transforms import read_transforms
-from psfs.cameras.calibration.tsai import SUFFIXES as TSAI
-from psfs.cameras.calibration.tsai import looks_like_tsai, read_tsai
 from psfs.cameras.calibration.xml_files import (
     OPTITRACK,
     QUALISYS,

@@ -27,7 +27,7 @@ from psfs.cameras.calibration.common import (
     read_text,
 )
 from psfs.cameras.calibration.filestorage import read_storage
-from psfs.cameras.calibration.matlab import read_variables
+from psfs.cameras.calibration.projections import read_variables
 from psfs.cameras.names import join_names
 from psfs.cameras.units import Unit
 from psfs.common.files import read_json

@@ -27,8 +27,7 @@ from psfs.cameras.calibration.common import (
     parse_numbers,
     read_text,
 )
-from psfs.cameras.calibration.number_lists import read_humaneva
-from psfs.cameras.calibration.tsai import looks_like_tsai, read_tsai
+from psfs.cameras.calibration.number_lists import looks_like_tsai, read_humaneva, read_tsai
 from psfs.cameras.names import join_names, natural_key
 from psfs.footage.layouts.common import (
     Footage,

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from helpers.tracks import walker
 
-from apf.cluster.chunks import cut_chunks, find_seam, join_tracks
+from apf.cli.batch_chunks import cut_chunks, find_seam, join_tracks
 from apf.tracking.track import Track
 
 

@@ -16,8 +16,7 @@ from helpers.tasks import die_until, double, hang, interrupted, raise_until, wai
 from apf.body.toml import save_body
 from apf.cli import main
 from apf.cluster.connection import DaskPool, connect_cluster
-from apf.cluster.pool import Task
-from apf.cluster.processes import Processes
+from apf.cluster.processes import Processes, Task
 from apf.cluster.task_side import Progress, TaskStopped
 from apf.cluster.workers import Share, share_machine
 from apf.formats.pose import write_pose

@@ -3,7 +3,7 @@
 import numpy as np
 from helpers import scenes
 
-from apf.keypoints.standing import PersonFinder
+from apf.keypoints.estimation import PersonFinder
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.people.people import StandingPeople
 

@@ -18,7 +18,7 @@ from apf.report.agreement import (
     measure_explained,
     measure_keypoint_agreement,
 )
-from apf.report.motion_limits import find_impossible_motion
+from apf.report.judged import find_impossible_motion
 from apf.report.quality import Quality
 from apf.synthetic.generate import generate
 from apf.synthetic.scene import SceneConfig

@@ -22,7 +22,7 @@ from apf.request import TrackRequest
 from apf.studio.folders import Roots
 from apf.studio.opened import RunningTake, open_track
 from apf.studio.page import Page
-from apf.studio.settings_panel import ChosenSettings
+from apf.studio.run_panel import ChosenSettings
 from apf.studio.work import Work, WorkSlot, free_folder, state_flags
 from apf.tracking.correction import ERROR, list_corrections
 from apf.tracking.track import Track

@@ -10,8 +10,7 @@ from helpers import scenes
 
 from psfs.common.least_squares import solve
 from psfs.diagnostics.frontier import SilhouetteContours
-from psfs.diagnostics.limbs import LimbPoints
-from psfs.diagnostics.medial_axes import MedialAxes
+from psfs.diagnostics.limbs import LimbPoints, MedialAxes
 from psfs.diagnostics.refinement import correct_cameras
 from psfs.diagnostics.small_views import Outline
 

@@ -8,7 +8,7 @@ from scipy import ndimage
 
 from psfs.people.coarse_voxels import CoarseFrame
 from psfs.people.following import Trajectory, count_heads, follow
-from psfs.people.identities import (
+from psfs.people.people import (
     count_voxels,
     find_present_frames,
     is_person,
