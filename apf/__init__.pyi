@@ -31,10 +31,10 @@ from .filters.swarm import ParticleSwarm as ParticleSwarm
 from .image_objective.config import FeatureConfig as FeatureConfig
 from .image_objective.config import ObjectiveConfig as ObjectiveConfig
 from .image_objective.config import ProximityConfig as ProximityConfig
-from .initialisation.config import StartConfig as StartConfig
 from .initialisation.from_joints import fit_to_joints as fit_to_joints
 from .initialisation.sequence import initialise as initialise
 from .initialisation.start import Start as Start
+from .initialisation.start import StartConfig as StartConfig
 from .initialisation.start import StartError as StartError
 from .keypoints.keypoints import Keypoints as Keypoints
 from .likelihood.config import KeypointConfig as KeypointConfig

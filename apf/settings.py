@@ -7,7 +7,7 @@ flags of single settings.
 from __future__ import annotations
 
 from apf.filters.method import Method
-from apf.initialisation.config import StartConfig
+from apf.initialisation.start import StartConfig
 from apf.live.config import LiveConfig
 from apf.synthetic.config import SceneConfig
 from apf.tracking.config import RecoveryConfig, SmoothingConfig, TriangulatedConfig

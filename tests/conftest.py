@@ -24,7 +24,7 @@ import numpy as np
 import pytest
 from helpers import examined, faults, parity
 
-from apf.initialisation.config import StartConfig
+from apf.initialisation.start import StartConfig
 from apf.synthetic.generate import generate
 from apf.synthetic.scene import SceneConfig
 from cl import Device

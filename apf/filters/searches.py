@@ -102,7 +102,7 @@ _SIR = SearchSpec(
     "sir",
     "particle filter",
     tracker="apf.filters.sir:SirParticleFilter",
-    twin="apf.reference.filters.sir:NumpySirParticleFilter",
+    twin="apf.reference.filters.annealed:NumpySirParticleFilter",
     settings={"sir": SirConfig},
     # By hand: its one layer must reach as far as the others' layers together.
     defaults={

@@ -15,10 +15,9 @@ from apf.body.stature import HIP_SHARE, has_feet, has_head, is_whole, lowest_poi
 from apf.filters.base import DeviceTracker, Estimate, Tracker
 from apf.filters.config import FilterConfig
 from apf.initialisation.body_fit import Cloud, Fitted, SurfaceEvidence, fit_body
-from apf.initialisation.config import StartConfig
 from apf.initialisation.kept_voxels import LEAST_VOXELS, cut_by_height, select_person_points
 from apf.initialisation.shape_model import ShapeModel, inner_axes
-from apf.initialisation.start import RIVAL, Start, StartError, check_startable
+from apf.initialisation.start import RIVAL, Start, StartConfig, StartError, check_startable
 from apf.likelihood.observations import AnyVoxels
 from apf.scene import Scene
 from psfs.common.progress import map_in_threads, one_blas_thread

@@ -7,9 +7,8 @@ from collections.abc import Callable
 from apf.body.model import BodyModel
 from apf.filters.config import FilterConfig
 from apf.initialisation.automatic import find_start
-from apf.initialisation.config import StartConfig
 from apf.initialisation.kept_voxels import store_voxels
-from apf.initialisation.start import Start, check_startable
+from apf.initialisation.start import Start, StartConfig, check_startable
 from apf.scene import Scene
 from cl import InputError
 from psfs.sequence import Sequence

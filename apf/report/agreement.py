@@ -21,7 +21,7 @@ from apf.tracking.limb_confidence import SAME_PLACE
 from apf.tracking.track import Track
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.config import TriangulationConfig
-from psfs.cameras.footprints import voxel_footprints
+from psfs.cameras.rig_geometry import voxel_footprints
 from psfs.cameras.triangulation import reprojection_errors, undistort_points
 from psfs.common.cones import cone_distances
 from psfs.common.progress import map_in_threads

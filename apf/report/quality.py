@@ -23,13 +23,13 @@ import numpy as np
 from apf.body.limbs import limb_names
 from apf.body.model import plain_name
 from apf.report.agreement import VOXEL_FAR, Agreement, choose_rows, find_parts
-from apf.tracking.correction import list_corrections
 from apf.tracking.limb_confidence import (
     LOST,
     LOST_LIMB,
     SAME_PLACE,
     lasts_long_enough,
 )
+from apf.tracking.retracking import list_corrections
 from apf.tracking.track import Track, spans
 from psfs.common.numbers import STEP_SECONDS, json_number, known_means, mean_known
 from psfs.common.ranges import NAMED

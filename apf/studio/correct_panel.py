@@ -14,7 +14,7 @@ from apf.body.model import plain_name
 from apf.request import TrackRequest
 from apf.studio.opened import OpenedTracks
 from apf.studio.watch import TrackWatch
-from apf.tracking.correction import (
+from apf.tracking.retracking import (
     REACH,
     Correction,
     Corrections,

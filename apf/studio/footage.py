@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from apf.studio.curves import draw_lags
 from apf.studio.opened import MakeDevice
+from apf.studio.watch import draw_lags
 from cl import UserError
 from psfs.diagnostics.examination import Examination, examine
 from psfs.diagnostics.person_in_view import PersonInView, find_person_in_views

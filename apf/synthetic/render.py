@@ -10,9 +10,8 @@ import numpy as np
 from apf.body.toml import load_body
 from apf.synthetic.body import PRIMITIVE_FLOATS, PersonSurface
 from apf.synthetic.config import SceneConfig
+from apf.synthetic.courses import Roamer, make_walks, presence
 from apf.synthetic.gait import GaitModel
-from apf.synthetic.people import make_walks, presence
-from apf.synthetic.roaming import Roamer
 from apf.synthetic.scene import ROOM, Furniture, make_furniture, make_palettes, make_rig
 from apf.synthetic.skeleton import Motion
 from apf.synthetic.walk import Walk

@@ -11,7 +11,7 @@ import numpy as np
 from apf.request import TrackingRequest
 from apf.takes.keypoints import OpenedKeypoints
 from apf.tracking.progress import StageProgress
-from apf.tracking.trackers import with_seeds
+from apf.tracking.recovery import with_seeds
 from cl import Device, InputError, NumpyDevice
 from psfs.common.files import resolve_path
 from psfs.common.ranges import check_number

@@ -24,9 +24,8 @@ from apf.takes.start import (
     read_given_start,
     warn_of_doubts,
 )
-from apf.tracking.correction import Corrections, read_corrections
 from apf.tracking.progress import AGAIN, StageProgress
-from apf.tracking.retracking import Retracking, apply_corrections
+from apf.tracking.retracking import Corrections, Retracking, apply_corrections, read_corrections
 from apf.tracking.settings import GivenStart, TakeSettings
 from apf.tracking.take import (
     StartedTake,

@@ -11,7 +11,7 @@ import numpy as np
 from apf.formats.angles import write_angle_csv
 from apf.formats.c3d import C3dEvent, write_c3d
 from apf.formats.glb import write_glb
-from apf.formats.opensim.tools import write_opensim
+from apf.formats.opensim.setup import write_opensim
 from apf.formats.usd import write_usd
 from apf.tracking.config import (
     EXPORTS,

@@ -31,8 +31,8 @@ from apf.likelihood.observations import (
 )
 from apf.scene import Scene
 from apf.tracking.limb_confidence import limb_margins
+from apf.tracking.recovery import make_recovering_tracker, with_seeds
 from apf.tracking.track import Track, concatenate_tracks
-from apf.tracking.trackers import make_recovering_tracker, with_seeds
 from apf.tracking.two_way import TwoWays
 from apf.tracking.uncertainty import joint_covariance
 from cl import InputError, UserError

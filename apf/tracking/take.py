@@ -19,13 +19,12 @@ from apf.body.model import BodyModel
 from apf.filters.method import Method
 from apf.filters.term_weights import list_comparing_weights
 from apf.initialisation.automatic import fit_cost
-from apf.initialisation.config import StartConfig
 from apf.initialisation.from_keypoints import KeypointStart, start_from_keypoints
 from apf.initialisation.kept_voxels import LEAST_VOXELS, select_person_points
 from apf.initialisation.load import add_load, find_load
 from apf.initialisation.personal import Outlines
 from apf.initialisation.sequence import initialise
-from apf.initialisation.start import Start, StartError, check_startable
+from apf.initialisation.start import Start, StartConfig, StartError, check_startable
 from apf.tracking.limb_confidence import LEAST_DISTANCE, SAME_PLACE
 from apf.tracking.personal_pass import Complete, fit_personal_body
 from apf.tracking.pipeline import TrackingRun, TrackingTask, track_people

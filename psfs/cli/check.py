@@ -14,13 +14,12 @@ from psfs.cli.commandline import make_table, progress_bar, stdout, warn
 from psfs.common.files import write_json
 from psfs.common.numbers import json_number, known_means
 from psfs.common.outputs import output_folder
-from psfs.diagnostics.cloud_scores import DEFINITION as CLOUD_DEFINITION
-from psfs.diagnostics.cloud_scores import CloudScore, mean_scores, score_cloud
 from psfs.diagnostics.config import DEFINITION
 from psfs.diagnostics.examination import Examination, diagnose
 from psfs.diagnostics.fault import Fault
+from psfs.diagnostics.mask_scores import DEFINITION as CLOUD_DEFINITION
+from psfs.diagnostics.mask_scores import CloudScore, mean_scores, score_cloud, true_masks
 from psfs.diagnostics.reprojection_iou import Checker, describe_cut_silhouettes
-from psfs.diagnostics.silhouette_scores import true_masks
 from psfs.output.reconstruction_folder import ReconstructionFolder
 from psfs.request import CheckRequest
 from psfs.session import Session, SessionSettings

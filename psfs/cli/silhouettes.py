@@ -14,7 +14,7 @@ from psfs.common.numbers import json_number, pick_evenly
 from psfs.common.outputs import OutputFolder, output_folder
 from psfs.common.requests import SETTINGS, write_settings
 from psfs.diagnostics.examination import synchronise
-from psfs.diagnostics.silhouette_scores import (
+from psfs.diagnostics.mask_scores import (
     DEFINITION,
     TRUE_MASKS,
     draw_mosaic,

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 from psfs.cameras.camera import BLOCK, Camera, CameraRig
-from psfs.cameras.footprints import voxel_footprints
+from psfs.cameras.rig_geometry import voxel_footprints
 from psfs.common.numbers import known_means
 from psfs.common.progress import map_in_threads
 from psfs.common.regions import bounding_box, iou, keep_large_regions

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from psfs.cameras.camera import Camera, CameraRig
-from psfs.cameras.footprints import voxel_footprints
+from psfs.cameras.rig_geometry import voxel_footprints
 from psfs.common.colours import CLAY
 from psfs.common.numbers import pick_evenly
 from psfs.common.pictures import scale_picture

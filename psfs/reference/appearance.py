@@ -6,8 +6,7 @@ import numpy as np
 import scipy
 
 from psfs.cameras.camera import CameraRig
-from psfs.cameras.footprints import voxel_footprints
-from psfs.cameras.rig_geometry import CELL, cells
+from psfs.cameras.rig_geometry import CELL, cells, voxel_footprints
 from psfs.silhouettes.appearance import BINS, location_odds, max_samples
 from psfs.silhouettes.config import SilhouetteConfig
 from psfs.voxels.grid import VoxelGrid

@@ -9,10 +9,11 @@ import numpy as np
 from cl import Device, InputError, NumpyDevice
 from psfs.background.chroma_key import ChromaKey
 from psfs.background.gaussian import Background
-from psfs.cameras.camera import CameraRig
+from psfs.cameras.camera import BLOCK, CameraRig
+from psfs.cameras.rig_geometry import cell_rays
+from psfs.common.cones import cone_distances, ray_cone_distances
 from psfs.common.system import physical_memory
 from psfs.reference.appearance import NumpyForeground
-from psfs.reference.body_prior import body_evidence, body_location
 from psfs.reference.light import estimate_light
 from psfs.reference.reprojection import hide
 from psfs.reference.silhouette import mask_evidence, silhouette_evidence
@@ -20,10 +21,53 @@ from psfs.reference.surface import BodyEvidence, occupancy, smooth, surface_colo
 from psfs.sequence import Frame, frame_input
 from psfs.silhouettes.appearance import follows, looks_again
 from psfs.silhouettes.config import SilhouetteConfig
-from psfs.voxels.body_prior import TrackedBody
+from psfs.voxels.body_prior import (
+    EDGE,
+    LOW_WIDTH,
+    WIDTH,
+    TrackedBody,
+    body_counts,
+    find_low_cones,
+    location_counts,
+)
 from psfs.voxels.config import ReconstructionConfig
 from psfs.voxels.grid import VoxelGrid, check_size
 from psfs.voxels.host_voxels import HostVoxels
+
+
+def body_evidence(points: np.ndarray, cones: np.ndarray, step: float) -> np.ndarray:
+    """Return the counts (N,) of `step` nats that a body with cones (C, 16), NaN where they are
+    unknown, adds to voxels at `points` (N, 3) m."""
+    inside, outside, known = body_counts(cones, step)
+    nearest = np.full(len(points), np.inf)
+    if len(known):
+        for first in range(0, len(points), BLOCK):
+            lot = slice(first, first + BLOCK)
+            nearest[lot] = cone_distances(points[lot], known).min(1)
+    within = np.clip((EDGE - nearest) / (2 * EDGE), 0, 1)
+    return np.rint(outside + within * (inside - outside))
+
+
+def body_location(
+    rig: CameraRig, cones: np.ndarray, config: ReconstructionConfig
+) -> np.ndarray | None:
+    """Return the location prior (V, rows, columns) int8, counts of `ratio_steps`, of a body with
+    cones (C, 16), NaN where they are unknown, None if all are."""
+    steps = config.silhouette.evidence.ratio_steps
+    inside, outside = location_counts(cones, steps)
+    known = cones[np.isfinite(cones).all(-1)]
+    odds: list[np.ndarray] = []
+    if not len(known):
+        return None
+    low = find_low_cones(known, config.silhouette.floor.height)
+    for camera, rays in zip(rig, cell_rays(rig), strict=True):
+        distances = ray_cone_distances(camera.centre, rays.reshape(-1, 3), known)
+        distances = np.nan_to_num(distances, nan=np.inf)
+        width = np.where(low & (distances < 0), LOW_WIDTH, WIDTH)
+        counts = (-steps * distances / width).max(1)
+        odds.append(np.rint(np.clip(counts, outside, inside)).reshape(rays.shape[:2]))
+    return np.stack(odds).astype(np.int8)
+
 
 #: Peak memory of the float64 computation, measured.
 _BYTES_PER_VOXEL = 220

@@ -8,7 +8,7 @@ import scipy
 
 from cl import Device, NumpyDevice
 from psfs.cameras.camera import Camera, CameraRig
-from psfs.cameras.footprints import pixel_boxes, voxel_footprints
+from psfs.cameras.rig_geometry import pixel_boxes, voxel_footprints
 from psfs.silhouettes.hidden import UNKNOWN
 from psfs.voxels.foreground_join import BELOW, LEAST_PIXELS, MARK, SIDES
 from psfs.voxels.grid import VoxelGrid

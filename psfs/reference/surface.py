@@ -8,7 +8,7 @@ import numpy as np
 import scipy
 
 from psfs.cameras.camera import Camera, CameraRig
-from psfs.cameras.footprints import pixel_boxes, voxel_footprints
+from psfs.cameras.rig_geometry import pixel_boxes, voxel_footprints
 from psfs.silhouettes.hidden import HIDDEN, UNKNOWN
 from psfs.voxels.colour import TOLERANCE
 from psfs.voxels.config import OccupancyConfig

@@ -14,8 +14,7 @@ from cl import Array, Device, Launch
 from cl.signature import Argument
 from cl.workgroups import row_group, size_defines
 from psfs.cameras.camera import CameraRig
-from psfs.cameras.footprints import voxel_footprints
-from psfs.cameras.rig_geometry import CELL, cells
+from psfs.cameras.rig_geometry import CELL, cells, voxel_footprints
 from psfs.silhouettes.config import AppearanceConfig, SilhouetteConfig
 
 #: Colour bins per channel of the histogram; its table of int8 counts has 32 KiB.

@@ -163,7 +163,7 @@ class BodyLocation:
 
     location: (V, rows, columns) int8, as in `ForegroundPrior`. body: the body as `pack_body` packs
     it; where it has no known cones, the location stays as it is. Kernel: body_location.cl; twin:
-    `psfs.reference.body_prior.body_location`.
+    `psfs.reference.reconstructor.body_location`.
     """
 
     def __init__(self, device: Device, rig: CameraRig, location: Array, body: Array) -> None:

@@ -8,7 +8,7 @@ from cl import Array, Device
 from cl.signature import Argument
 from cl.workgroups import size_defines
 from psfs.cameras.camera import CameraRig
-from psfs.cameras.footprints import voxel_footprints
+from psfs.cameras.rig_geometry import voxel_footprints
 from psfs.voxels.grid import VoxelGrid
 from psfs.voxels.surface import SurfaceList
 

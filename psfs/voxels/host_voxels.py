@@ -9,7 +9,7 @@ import numpy as np
 
 from cl import InputError
 from psfs.cameras.camera import Camera
-from psfs.cameras.footprints import pixel_boxes
+from psfs.cameras.rig_geometry import pixel_boxes
 from psfs.voxels.grid import VoxelCloud, VoxelGrid
 
 
@@ -49,7 +49,7 @@ def voxel_silhouette(
 ) -> np.ndarray:
     """Return the silhouette (H, W) bool of voxels with `centres` (N, 3) m in a picture of `shape`.
 
-    footprint: (2,) px m, see `psfs.cameras.footprints.voxel_footprints`.
+    footprint: (2,) px m, see `psfs.cameras.rig_geometry.voxel_footprints`.
     """
     _, low, high, _ = pixel_boxes(camera, centres, footprint)
     drawn = np.zeros(shape, bool)

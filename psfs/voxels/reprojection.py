@@ -7,7 +7,7 @@ import numpy as np
 from cl import Array, Device, InputError
 from cl.workgroups import size_defines
 from psfs.cameras.camera import CameraRig
-from psfs.cameras.footprints import voxel_footprints
+from psfs.cameras.rig_geometry import voxel_footprints
 from psfs.common.edge_distance import LOT, count_tiles, distance_defines
 from psfs.silhouettes.hidden import UNKNOWN
 from psfs.voxels.device_voxels import CarvedVoxels

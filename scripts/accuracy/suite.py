@@ -39,10 +39,15 @@ from apf.tracking.track import Track
 from apf.tracking.triangulated import TriangulatedConfig, triangulate_track
 from cl import Device, InputError
 from psfs.common.files import write_json
-from psfs.diagnostics.cloud_scores import CloudScore, mean_scores, score_cloud
 from psfs.diagnostics.examination import examine
+from psfs.diagnostics.mask_scores import (
+    CloudScore,
+    mean_scores,
+    score_cloud,
+    score_silhouettes,
+    truth_frames,
+)
 from psfs.diagnostics.sequence_info import find_keypoints
-from psfs.diagnostics.silhouette_scores import score_silhouettes, truth_frames
 from psfs.sequence import Sequence
 from psfs.session import Session, SessionSettings
 from psfs.volume import automatic_grid
@@ -284,8 +289,8 @@ def true_stature(folder: Path, truth: JointSeries) -> float:
 
 def evaluate_silhouettes(session: Session, check: Callable[[], object]) -> dict[str, Any]:
     """Return the IoU with the true masks: the mean, and per frame those of the cameras; see
-    psfs.diagnostics.silhouette_scores. Then the means over frames of the clouds' scores; see
-    psfs.diagnostics.cloud_scores."""
+    psfs.diagnostics.mask_scores. Then the means over frames of the clouds' scores; see
+    psfs.diagnostics.mask_scores."""
     wanted = truth_frames(session.sequence)
     frames: dict[str, list[float | None]] = {}
     clouds: list[CloudScore] = []

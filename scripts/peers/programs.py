@@ -19,10 +19,9 @@ from apf.filters.method import Method
 from apf.formats.trc import JointSeries, read_trc
 from apf.keypoints.keypoints import Keypoints
 from apf.keypoints.readers.orders import MEDIAPIPE
-from apf.keypoints.series import fill_gaps
 from apf.tracking.config import TriangulatedConfig
 from apf.tracking.smoothing import smooth_track
-from apf.tracking.triangulated import triangulate_track
+from apf.tracking.triangulated import fill_gaps, triangulate_track
 from cl import Device, InputError
 from peers.environments import run_script
 from peers.figures import LIMB_JOINTS, select_limb_joints

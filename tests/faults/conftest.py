@@ -28,7 +28,7 @@ def quick_recovery() -> Iterator[None]:
         raise StartError("nobody")
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("apf.tracking.trackers.find_start", nowhere)
+        patch.setattr("apf.tracking.recovery.find_start", nowhere)
         yield
 
 

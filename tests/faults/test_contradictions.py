@@ -13,7 +13,7 @@ from helpers.opensim import write_model
 from apf.filters.method import Method
 from apf.formats.opensim.model import read_model
 from apf.keypoints.opening import read_raw
-from apf.tracking.correction import Correction, Corrections
+from apf.tracking.retracking import Correction, Corrections
 from cl import InputError
 from psfs.voxels.grid import VoxelGrid
 

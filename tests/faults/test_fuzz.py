@@ -29,8 +29,8 @@ from apf.formats.c3d import write_c3d
 from apf.formats.opensim.model import read_model
 from apf.formats.pose import read_pose
 from apf.keypoints.opening import read_raw
-from apf.tracking.correction import Correction, Corrections, read_corrections, write_corrections
 from apf.tracking.people import PeopleTracks
+from apf.tracking.retracking import Correction, Corrections, read_corrections, write_corrections
 from apf.tracking.track import Track
 from cl import InputError
 from psfs.cameras.calibration import read_calibration

@@ -10,22 +10,58 @@ OpenCap stores OpenPose's lists in a pickle per camera and trial
 
 from __future__ import annotations
 
+import io
 import math
+import pickle
+import pickletools
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import NoReturn
 
 import numpy as np
 
 from apf.keypoints.readers.orders import COCO_17, find_order
-from apf.keypoints.readers.plain_pickle import read_plain_pickle
 from apf.keypoints.readers.raw import RawKeypoints
 from cl import InputError
 from psfs.cameras.names import join_names
-from psfs.common.files import read_json, read_text
+from psfs.common.files import MOST_BYTES, read_json, read_text
 from psfs.common.ranges import MOST_FRAMES
-from psfs.common.reading import parsing
+from psfs.common.reading import open_input, parsing
+
+
+class _Plain(pickle.Unpickler):
+    """Python's reader of what `_check_sizes` let pass, without code."""
+
+    def find_class(self, module: str, name: str) -> NoReturn:
+        raise InputError(f"names code ({module} {name})"[:90] + ", which is never run")
+
+
+def _check_sizes(data: bytes) -> None:
+    """Raise ValueError where a pickle states more than it holds: the reader allocates values of
+    stated lengths before it reads them, and a table of as many values as the largest number."""
+    for operation, argument, _ in pickletools.genops(data):  # checks the lengths itself
+        if operation.name in ("PUT", "BINPUT", "LONG_BINPUT") and int(argument or 0) > len(data):
+            raise ValueError(f"value {argument:,} of a file of {len(data):,} bytes")
+
+
+def read_plain_pickle(path: Path, what: str) -> object:
+    """Read a pickle of plain values.
+
+    what: description of the expected content, for errors. Raises InputError for a file that is
+    damaged, too large, or names anything that is no plain value.
+    """
+    with parsing(path, what), open_input(path, what) as file:
+        data = file.read(MOST_BYTES + 1)
+        if len(data) > MOST_BYTES:
+            raise InputError(f"{path}: more than {MOST_BYTES // 2**20} MiB; expected {what}")
+        try:
+            _check_sizes(data)
+            return _Plain(io.BytesIO(data)).load()
+        except InputError as error:
+            raise InputError(f"{path}: {error}; expected {what}") from None
+
 
 #: `cam01.0000`, `cam01_000000_keypoints`: the camera, and the frame.
 _STEM = re.compile(r"(?P<camera>.*?)[._-]?(?P<frame>\d+)(?:[._-]keypoints)?")

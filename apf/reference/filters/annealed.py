@@ -7,6 +7,8 @@ import numpy as np
 from apf.filters.base import Estimate
 from apf.filters.config import FilterConfig
 from apf.filters.method import Method
+from apf.filters.searches import SirConfig
+from apf.filters.sir import check_layers
 from apf.reference.filters.annealing import (
     annealing_exponent,
     diffuse,
@@ -91,3 +93,24 @@ def build_image_objective(scene: Scene, method: Method) -> NumpyLikelihood:
     """Return the image objective of `method`, with the keypoints' if that has a weight."""
     base = NumpyImageObjective(scene, method.filter.search.n_particles, method.image)
     return _with_keypoints(scene, method.filter, base)
+
+
+class NumpySirParticleFilter(NumpyAnnealedParticleFilter):
+    """Rymut 2016 algorithms 1 and 2; same signature as SirParticleFilter."""
+
+    def __init__(
+        self,
+        scene: Scene,
+        likelihood: NumpyLikelihood,
+        config: FilterConfig,
+        sir: SirConfig | None = None,
+    ) -> None:
+        check_layers(config)
+        super().__init__(scene, config, likelihood=likelihood)
+        self.sir = sir or SirConfig()
+
+    def _score(self, poses: np.ndarray) -> np.ndarray:
+        return super()._score(poses) ** 2
+
+    def _find_exponent(self, errors: np.ndarray, survival_rate: float) -> float:
+        return self.sir.beta or super()._find_exponent(errors, survival_rate)

@@ -1,5 +1,5 @@
 // A tracked body as a prior of the voxels' occupancy; twin: body_evidence in
-// psfs/reference/body_prior.py. `body`: a row of 16 floats with the counts inside, the counts
+// psfs/reference/reconstructor.py. `body`: a row of 16 floats with the counts inside, the counts
 // outside, the depth, m, from which a voxel is inside, the distance from which it is outside, the
 // number of cones, and what body_location.cl reads; then the cones (see cones.h) with, in [11], the
 // most that a distance to them changes per metre.

@@ -21,7 +21,7 @@ from apf.image_objective.renderer import cone_edges
 from apf.reference.image_objective.features import region
 from apf.reference.image_objective.render import flat_body
 from apf.scene import Scene
-from apf.synthetic.roaming import roam
+from apf.synthetic.courses import roam
 from apf.synthetic.walk import Walk
 from cl import Device, InputError
 from psfs.cameras.camera import CameraRig

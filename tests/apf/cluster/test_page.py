@@ -5,7 +5,7 @@ from dataclasses import asdict
 from html.parser import HTMLParser
 from pathlib import Path
 
-from apf.cli.batch_report import describe_done
+from apf.cli.batch import describe_done
 from apf.cli.batch_take import TakeDone
 from apf.cluster.record import TakeRecord
 from apf.cluster.table import TakeRow, write_index

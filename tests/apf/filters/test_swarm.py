@@ -15,7 +15,7 @@ from apf.filters.searches import SirConfig, SwarmConfig
 from apf.filters.sir import SirParticleFilter
 from apf.filters.swarm import ParticleSwarm
 from apf.likelihood.base import Likelihood
-from apf.reference.filters.sir import NumpySirParticleFilter
+from apf.reference.filters.annealed import NumpySirParticleFilter
 from apf.reference.filters.swarm import NumpyParticleSwarm, stop_at_limits, uniform_pairs
 from apf.reference.likelihood.base import NumpyLikelihood
 from apf.scene import Scene

@@ -14,10 +14,9 @@ from apf.body.toml import load_body
 from apf.filters.method import Method
 from apf.initialisation.automatic import find_start, highest_point, standing_pose
 from apf.initialisation.body_fit import Cloud
-from apf.initialisation.config import StartConfig
-from apf.initialisation.start import StartError, check_startable
+from apf.initialisation.start import StartConfig, StartError, check_startable
 from apf.scene import Scene
-from apf.tracking.trackers import make_recovering_tracker
+from apf.tracking.recovery import make_recovering_tracker
 from cl import Device
 
 PARTS = ("rymut31_lower", "rymut31_upper")

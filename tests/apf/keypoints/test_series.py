@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import apf
-from apf.keypoints.series import fill_gaps, low_pass
+from apf.tracking.triangulated import fill_gaps, low_pass
 
 
 def line(frames: int = 40, points: int = 3) -> np.ndarray:

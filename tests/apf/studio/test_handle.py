@@ -16,7 +16,7 @@ from apf.report.drawing import Figure
 from apf.studio.correct_panel import CorrectPanel, JointHandle
 from apf.synthetic.config import SceneConfig
 from apf.synthetic.scene import make_rig
-from apf.tracking.correction import correct_pose
+from apf.tracking.retracking import correct_pose
 from cl import InputError
 from psfs.page.nodes import to_quaternion
 from psfs.page.server import Gate, start_server, stop_server

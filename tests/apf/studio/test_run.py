@@ -24,7 +24,7 @@ from apf.studio.opened import RunningTake, open_track
 from apf.studio.page import Page
 from apf.studio.run_panel import ChosenSettings
 from apf.studio.work import Work, WorkSlot, free_folder, state_flags
-from apf.tracking.correction import ERROR, list_corrections
+from apf.tracking.retracking import ERROR, list_corrections
 from apf.tracking.track import Track
 from cl import InputError, select_device
 from psfs.common.files import read_toml

@@ -9,9 +9,9 @@ import pytest
 from apf.evaluation.truth import load_people_truth
 from apf.reference.synthetic.scene import silhouette
 from apf.synthetic.config import SceneConfig
+from apf.synthetic.courses import make_walks, presence
 from apf.synthetic.gait import GaitModel
 from apf.synthetic.generate import generate
-from apf.synthetic.people import make_walks, presence
 from apf.synthetic.render import SyntheticScene
 from cl import Device
 

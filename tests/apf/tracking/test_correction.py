@@ -11,16 +11,18 @@ from helpers.scenes import ring
 from apf.body.kinematics import posed_joints
 from apf.body.toml import load_body
 from apf.filters.base import Estimate
-from apf.tracking.correction import (
+from apf.tracking.retracking import (
     Correction,
     Corrections,
     correct_pose,
+    find_courses,
     hold_corrections,
+    mark_bad,
     observe_corrections,
     read_corrections,
+    splice_estimates,
     write_corrections,
 )
-from apf.tracking.retracking import find_courses, mark_bad, splice_estimates
 from cl import InputError
 
 SONG = load_body("song31")

@@ -8,7 +8,7 @@ import pytest
 from helpers import scenes
 from helpers.walkers import GRID, SONG, surface_voxels, walker
 
-import apf.tracking.trackers
+import apf.tracking.recovery
 from apf.body.kinematics import posed_joints
 from apf.filters.base import Estimate
 from apf.filters.method import Method
@@ -21,8 +21,8 @@ from apf.tracking.recovery import (
     LOCAL_RESTART,
     TRACKED,
     RecoveringTracker,
+    make_recovering_tracker,
 )
-from apf.tracking.trackers import make_recovering_tracker
 from cl import Device
 
 
@@ -134,7 +134,7 @@ def test_one_who_leaves_and_comes_back_elsewhere_is_tracked_again(
             raise StartError("nobody")
         return SimpleNamespace(pose=walker(7, 1.05))
 
-    monkeypatch.setattr(apf.tracking.trackers, "find_start", found)
+    monkeypatch.setattr(apf.tracking.recovery, "find_start", found)
     poses = [*(walker(k) for k in range(4)), *[None] * 3, *(walker(k, 1.0) for k in range(7, 10))]
     method = Method.create(n_particles=100, n_layers=6)
     tracker = make_recovering_tracker(Scene(device, scenes.ring(4), GRID, SONG), method)

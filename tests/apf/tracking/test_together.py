@@ -12,7 +12,7 @@ from apf.body.kinematics import posed_cones, posed_joints
 from apf.filters.method import Method
 from apf.tracking.together import PeopleTracker
 from cl import Device, InputError
-from psfs.cameras.footprints import voxel_footprints
+from psfs.cameras.rig_geometry import voxel_footprints
 from psfs.common.cones import cone_distances
 from psfs.reconstructor import Reconstructor
 from psfs.voxels.device_voxels import Voxels

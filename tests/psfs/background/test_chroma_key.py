@@ -15,7 +15,7 @@ from psfs.cli import main
 from psfs.common.colours import chromaticity
 from psfs.footage.media import open_media
 from psfs.reconstructor import Reconstructor
-from psfs.reference.chroma_key import chroma_ratio
+from psfs.reference.silhouette import chroma_ratio
 from psfs.sequence import Sequence
 from psfs.silhouettes.config import SilhouetteConfig
 from psfs.silhouettes.silhouette import Silhouette

@@ -11,7 +11,7 @@ import pytest
 import psfs.cli.silhouettes as command
 from cl import Device
 from psfs.cli import main
-from psfs.diagnostics.silhouette_scores import score_silhouettes
+from psfs.diagnostics.mask_scores import score_silhouettes
 from psfs.reconstructor import Reconstructor
 from psfs.sequence import Sequence
 from psfs.session import Session

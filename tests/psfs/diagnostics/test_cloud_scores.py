@@ -5,7 +5,7 @@ import pytest
 from helpers import scenes
 from scipy import ndimage
 
-from psfs.diagnostics.cloud_scores import mean_scores, score_cloud
+from psfs.diagnostics.mask_scores import mean_scores, score_cloud
 from psfs.reference.surface import surface_voxels
 from psfs.voxels.grid import VoxelCloud
 

@@ -11,7 +11,7 @@ from helpers import footage, scenes
 import psfs
 from cl import Device, InputError
 from psfs.cameras.camera import CameraRig
-from psfs.cameras.footprints import voxel_footprints
+from psfs.cameras.rig_geometry import voxel_footprints
 from psfs.people.people import Person, follow_people
 from psfs.people.separation import cover_with_spheres, separate
 from psfs.sequence import Sequence

@@ -13,7 +13,7 @@ from psfs.backend import make_reconstructor
 from psfs.cameras.rig_geometry import CELL, cell_rays
 from psfs.common.cones import cone_distances, ray_cone_distances
 from psfs.opening import check_body, share_on_silhouettes
-from psfs.reference.body_prior import body_evidence, body_location
+from psfs.reference.reconstructor import body_evidence, body_location
 from psfs.reference.surface import occupancy, smooth
 from psfs.sequence import Frame
 from psfs.voxels.body_prior import BESIDE, INSIDE, BodyLocation, TrackedBody, pack_body

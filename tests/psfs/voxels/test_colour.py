@@ -8,7 +8,7 @@ from helpers import scenes
 from helpers.parity import traced
 
 from cl import Device, InputError
-from psfs.cameras.footprints import voxel_footprints
+from psfs.cameras.rig_geometry import voxel_footprints
 from psfs.reconstructor import Reconstructor
 from psfs.reference.reconstructor import NumpyReconstructor, frame_evidence
 from psfs.reference.surface import nearest_depth, surface_colour

@@ -9,7 +9,7 @@ from scipy import ndimage
 
 from cl import Device, NumpyDevice
 from psfs.cameras.camera import CameraRig
-from psfs.cameras.footprints import voxel_footprints
+from psfs.cameras.rig_geometry import voxel_footprints
 from psfs.reconstructor import Reconstructor
 from psfs.reference.reprojection import (
     NumpyReprojection,
