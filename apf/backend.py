@@ -16,8 +16,7 @@ from apf.filters.annealed import AnnealedParticleFilter
 from apf.filters.base import DeviceTracker, Tracker
 from apf.filters.config import FilterConfig
 from apf.filters.method import Method
-from apf.filters.objectives import OBJECTIVES
-from apf.filters.searches import SEARCHES
+from apf.filters.searches import OBJECTIVES, SEARCHES
 from apf.image_objective.config import FeatureConfig
 from apf.image_objective.features import Features
 from apf.image_objective.opengl.context import egl_context

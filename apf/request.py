@@ -12,8 +12,7 @@ from pydantic.fields import FieldInfo
 from apf.cluster import CORES_BESIDE_GPU, PER_GPU
 from apf.evaluation.marker_sets import SHIPPED
 from apf.filters.method import Method
-from apf.filters.objectives import OBJECTIVES
-from apf.filters.searches import SEARCHES
+from apf.filters.searches import OBJECTIVES, SEARCHES
 from apf.filters.term_weights import TERMS, USUAL_TERMS, list_comparing_weights, parse_weights
 from apf.formats.axes import AXES
 from apf.image_objective.config import ObjectiveConfig

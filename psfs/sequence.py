@@ -16,10 +16,10 @@ from multiprocessing.pool import ThreadPool
 from pathlib import Path
 from typing import TypeVar
 
+import cv2
 import numpy as np
 
 from cl import InputError
-from psfs.background.brightness import find_bright
 from psfs.background.chroma_key import key_from_media
 from psfs.background.gaussian import Background
 from psfs.background.mixture import Mixture
@@ -427,3 +427,15 @@ def _refuse_unused(stated: SequenceSettings, sequence: Sequence) -> None:
             raise InputError(f"`{key}` applies only to the background {owner}; this one is {kind}")
     if stated.take is not None and sequence.layout != "HumanEva":
         raise InputError("`take` applies only to folders with several takes (HumanEva's)")
+
+
+def find_bright(image: np.ndarray, settings: SequenceSettings) -> np.ndarray:
+    """Return the mask (h, w) uint8 of pixels brighter than the threshold, closed with a square
+    (dilated, then eroded)."""
+    assert settings.threshold is not None
+    grey = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
+    mask: np.ndarray = np.where(grey > settings.threshold * 255, np.uint8(255), np.uint8(0))
+    for radius, operation in ((settings.dilate, cv2.dilate), (settings.erode, cv2.erode)):
+        if radius:
+            mask = operation(mask, np.ones((2 * radius + 1, 2 * radius + 1), np.uint8))
+    return mask

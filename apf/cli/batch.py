@@ -256,7 +256,8 @@ def _read_list(path: Path) -> list[ListedTake]:
     their names; [defaults] hold for takes that do not set them."""
     content = read_toml(path)
     defaults, takes = content.pop("defaults", {}), content.pop("take", None)
-    if content or not isinstance(defaults, dict) or not _tables(takes):
+    tables = isinstance(takes, list) and takes and all(isinstance(each, dict) for each in takes)
+    if content or not isinstance(defaults, dict) or not tables:
         found = ", ".join(content) or "no list of takes"
         raise InputError(f"{path}: found {found}; expected [[take]] tables, and perhaps [defaults]")
     listed = []
@@ -273,10 +274,6 @@ def _read_list(path: Path) -> list[ListedTake]:
             stated = stated.over(read_config(TrackRequest, Path(config)))
         listed.append(ListedTake(resolve_path(path.parent / folder), name, stated, where))
     return listed
-
-
-def _tables(value: object) -> bool:
-    return isinstance(value, list) and bool(value) and all(isinstance(v, dict) for v in value)
 
 
 def _resolve(value: Any, folder: Path) -> Any:

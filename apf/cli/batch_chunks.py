@@ -130,7 +130,7 @@ def cut_take(progress: TaskProgress, job: TakeJob, part_frames: int) -> tuple[Ta
         if len(chunks) < 2:
             print(f"{len(frames)} frames are too few for parts of {part_frames} that overlap")
             return ()
-        folder = _chunks_folder(job)
+        folder = job.out.parent / PARTS / job.name
         shared = _share_start(progress, request, session, folder)
         return tuple(
             replace(
@@ -176,11 +176,6 @@ def _share_start(
         video=False,
         report=False,
     )
-
-
-def _chunks_folder(job: TakeJob) -> Path:
-    """Return the folder in which the chunks of a take are tracked."""
-    return job.out.parent / PARTS / job.name
 
 
 def join_chunks(progress: TaskProgress, job: TakeJob, chunks: Sequence[TakeJob]) -> TakeDone:

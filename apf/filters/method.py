@@ -9,8 +9,7 @@ from typing import Any
 from pydantic import model_validator
 
 from apf.filters.config import FilterConfig
-from apf.filters.objectives import OBJECTIVES, ObjectiveSpec
-from apf.filters.searches import SEARCHES, SirConfig, SwarmConfig
+from apf.filters.searches import OBJECTIVES, SEARCHES, ObjectiveSpec, SirConfig, SwarmConfig
 from apf.filters.term_weights import KEYPOINTS_ON
 from apf.image_objective.config import FeatureConfig, ObjectiveConfig
 from psfs.common.config import Config, part, setting, with_parts

@@ -19,7 +19,7 @@ class SirParticleFilter(DeviceTracker):
 
     The likelihood's squared errors take the place of (1 - f)^2. The pose is the weighted mean.
     config: the filter uses n_particles, noise, velocity, seed, first_survival and the settings of
-    the refinement. Raises InputError unless n_layers is 1. Twin: reference/filters/sir.py.
+    the refinement. Raises InputError unless n_layers is 1. Twin: reference/filters/annealed.py.
     """
 
     def __init__(

@@ -55,7 +55,11 @@ def find_load(body: BodyModel, poses: np.ndarray, clouds: Sequence[VoxelCloud]) 
         inside = inside[fill_cloud(cloud, box)[tuple(ijk[inside].T)]]
         lasting[inside] += cone_distances(centres[inside], cones).min(1) > _CLOTHES
     share = lasting.reshape(cells.shape[:3]) / max(1, len(clouds))
-    depth, sure = (_measure_depth(share > least) for least in (_LASTING, _SURE))
+    # How deep cells lie, in cells; below 0 outside.
+    depth, sure = (
+        np.asarray(scipy.ndimage.distance_transform_edt(share > least)) - 0.5
+        for least in (_LASTING, _SURE)
+    )
     if sure.max() * _CELL < _THICK / 2:
         return []
     radius = _BULK * depth.max()
@@ -63,11 +67,6 @@ def find_load(body: BodyModel, poses: np.ndarray, clouds: Sequence[VoxelCloud]) 
     filled = cells[np.asarray(scipy.ndimage.distance_transform_edt(~core)) <= radius]
     quarter = (filled[:, :2] > np.median(filled[:, :2], axis=0)) @ (1, 2)
     return [_fit_cone(f"{LOAD}_{k + 1}", filled[quarter == k]) for k in np.unique(quarter)]
-
-
-def _measure_depth(matter: np.ndarray) -> np.ndarray:
-    """Return how deep cells lie in matter (X, Y, Z) bool, in cells; below 0 outside."""
-    return np.asarray(scipy.ndimage.distance_transform_edt(matter)) - 0.5
 
 
 def add_load(template: BodyModel, load: Sequence[Cone], height: float) -> BodyModel:

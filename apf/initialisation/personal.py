@@ -264,7 +264,7 @@ class PersonalShape:
         moved = np.zeros((self.n_built, *joints.shape))
         for (kind, *_), number in self.index.items():
             if kind in ("length", "joint"):
-                other = self.body(measures + step * _unit(number, measures))
+                other = self.body(measures + step * np.eye(len(measures))[number])
                 moved[number] = (posed_joints(other, poses) - joints) / step
         return moved
 
@@ -587,10 +587,6 @@ def _pair_beside(body: BodyModel, joint: Joint) -> tuple[str, ...]:
 
 def _mirror(name: str) -> np.ndarray:
     return np.array([1.0, -1.0 if name.startswith("r_") else 1.0, 1.0])
-
-
-def _unit(number: int, like: np.ndarray) -> np.ndarray:
-    return np.eye(1, len(like), number)[0]
 
 
 def _descendants(body: BodyModel) -> np.ndarray:

@@ -27,8 +27,7 @@ from cl import InputError
 from psfs.common.files import open_text, temporary_folder
 from psfs.common.numbers import json_number
 from psfs.output.video import write_video
-from psfs.page.clouds import choose_block_width, merge_voxels
-from psfs.page.colours import CONFIDENCE, colour_voxels
+from psfs.page.clouds import CONFIDENCE, choose_block_width, colour_voxels, merge_voxels
 
 if TYPE_CHECKING:
     import av

@@ -49,7 +49,8 @@ class BodyNodes:
                     opacity=0.55,
                 )
             )
-        self._with_trails = True
+        #: Whether trails are drawn from the next frame on.
+        self.with_trails = True
         self.skeleton = scene.add_line_segments(
             f"{name}/skeleton", np.zeros((len(track.edges), 2, 3), np.float32),
             np.zeros((len(track.edges), 2, 3), np.uint8), thickness=_BONE_WIDTH,
@@ -91,10 +92,6 @@ class BodyNodes:
         self.skeleton.points = joints[self._track.edges].astype(np.float32)
         self.joints.points = joints.astype(np.float32)
 
-    def set_trails(self, shown: bool) -> None:
-        """Draw trails from the next frame on, or none."""
-        self._with_trails = shown
-
     def _colour_cones(self, colours: np.ndarray) -> None:
         for number in np.flatnonzero((colours != self._colours).any(axis=1)):
             self.cones[number].color = tuple(colours[number].tolist())
@@ -102,7 +99,7 @@ class BodyNodes:
 
     def _show_trails(self, row: int, rows: int) -> None:
         past = self._track.joints[max(0, row - rows) : row + 1][:, self.ends].astype(np.float32)
-        if len(past) < 2 or not self.ends or not self._with_trails:
+        if len(past) < 2 or not self.ends or not self.with_trails:
             self.trails.visible = False
             return
         lines = np.stack([past[:-1], past[1:]], axis=2).reshape(-1, 2, 3)

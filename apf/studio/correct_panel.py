@@ -25,7 +25,7 @@ from apf.tracking.track import Track
 from cl import InputError, UserError
 from psfs.common.files import read_toml
 from psfs.common.requests import SETTINGS, Stated, read_flags, split_tables
-from psfs.page.look_through import crosses, locate_point
+from psfs.page.pictures import crosses, locate_point
 from psfs.page.server import read_choice
 from psfs.page.timeline import add_key
 from psfs.page.words import make_lines, make_text

@@ -14,7 +14,7 @@ from apf.studio.body_nodes import BodyNodes
 from apf.studio.opened import OpenedTracks
 from apf.tracking.track import Track
 from psfs.common.numbers import find_true_runs
-from psfs.page.colours import CONFIDENCE
+from psfs.page.clouds import CONFIDENCE
 from psfs.page.pictures import shrink_picture
 from psfs.page.watch import Watch
 from psfs.sequence import Frame
@@ -216,5 +216,5 @@ class TrackWatch(Watch):
             for cone in body.cones:
                 cone.visible = shown["body"]
             body.skeleton.visible = body.joints.visible = shown["skeleton"]
-            body.set_trails(shown["trails"])
+            body.with_trails = shown["trails"]
         super()._show_layers(shown)

@@ -92,13 +92,6 @@ class TrackingRun:
     outlines: dict[int, Outlines] | None = None
 
 
-def track_frames(
-    session: Session, task: TrackingTask, progress: Callable[[str], object] | None = None
-) -> Tracked:
-    """Track a body through the session's frames, see `track_people`."""
-    return track_people([TrackingRun(session, task)], progress)[0]
-
-
 def track_people(
     runs: Items[TrackingRun], progress: Callable[[str], object] | None = None
 ) -> list[Tracked]:

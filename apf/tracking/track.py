@@ -266,11 +266,6 @@ class Track:
         return bool(_provenance(self.provenance).get("interrupted", False))
 
     @property
-    def series(self) -> JointSeries:
-        """The joints alone, as input of `evaluate` and of TRC files."""
-        return JointSeries(self.joint_names, self.joints, self.fps, self.frames)
-
-    @property
     def angles(self) -> dict[str, np.ndarray]:
         """Joint angles (F,), degrees, by clinical name (`l_knee_flexion`); see `apf.body.angles`.
         They are NaN where the person or the limb is lost. Ankle angles of a body whose feet do not

@@ -126,10 +126,7 @@ class _Job:
     Nothing is written before the first non-empty cloud.
     """
 
-    def __init__(
-        self,
-        prepared: Reconstruction,
-    ) -> None:
+    def __init__(self, prepared: Reconstruction) -> None:
         session, request, grid = prepared.session, prepared.request, prepared.grid
         self.left_out = prepared.examination.left_out
         self.out = request.output or Path()

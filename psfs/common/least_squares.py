@@ -181,13 +181,12 @@ class Solution:
     """Parameters of the least robust sum of squares.
 
     parameters: by name. residuals: the last evaluation. cost: sum of robust squares, in variances
-    of the noise. settled: whether the last step was small against the standard deviations.
+    of the noise.
     """
 
     parameters: Parameters
     residuals: Sequence[Residuals]
     cost: float
-    settled: bool
     _layout: _Layout = field(repr=False)
     _factor: _Factor = field(repr=False)
 
@@ -223,7 +222,7 @@ def solve(
     all by default. update: moves parameters by a step, for those that do not add up.
     """
     layout = _Layout(start, free or {}, eliminate)
-    damping, parameters, residuals, settled = _DAMPING, start, evaluate(start), False
+    damping, parameters, residuals = _DAMPING, start, evaluate(start)
     noises = [block.noise() for block in residuals]
     normal, gradient = layout.linearise(residuals, noises)
     for _ in range(steps):
@@ -240,7 +239,7 @@ def solve(
         if settled:
             break
     cost = _cost(residuals, noises)
-    return Solution(parameters, residuals, cost, settled, layout, _Factor(normal, layout, 0.0))
+    return Solution(parameters, residuals, cost, layout, _Factor(normal, layout, 0.0))
 
 
 def _cost(residuals: Sequence[Residuals], noises: Sequence[np.ndarray]) -> float:

@@ -305,11 +305,6 @@ def refuse_unused(
             raise InputError(f"--{option.name} {why}")
 
 
-def find_flag(info: FieldInfo) -> Flag | None:
-    """Return the flag of a field, None for a field without."""
-    return next((item for item in info.metadata if isinstance(item, Flag)), None)
-
-
 def find_part(info: FieldInfo) -> Part | None:
     """Return how a field is part of a request, None for a field that is none."""
     return next((item for item in info.metadata if isinstance(item, Part)), None)
@@ -320,7 +315,8 @@ def list_options(kind: type[Request]) -> tuple[Option, ...]:
     """Return the flags of a request, in the order of its fields."""
     options: list[Option] = []
     for name, info in kind.model_fields.items():
-        flag, part = find_flag(info), find_part(info)
+        flag = next((item for item in info.metadata if isinstance(item, Flag)), None)
+        part = find_part(info)
         if flag is not None:
             if name == "preset":
                 flag = replace(flag, choices=tuple(kind.PRESETS))

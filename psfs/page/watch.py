@@ -10,11 +10,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cl import InputError, UserError
-from psfs.page.clouds import CarvedClouds, Clouds, Opened
-from psfs.page.colours import COLOURINGS, describe_scale
-from psfs.page.look_through import LookThrough
+from psfs.page.clouds import COLOURINGS, CarvedClouds, Clouds, Opened, describe_scale
 from psfs.page.nodes import CameraNodes, VoxelNode, add_floor
-from psfs.page.pictures import PictureReader, draw_views, small_pictures
+from psfs.page.pictures import LookThrough, PictureReader, draw_views, small_pictures
 from psfs.page.server import BrowserPage, look
 from psfs.page.timeline import TimeLine, add_key
 from psfs.page.words import REFRESH, make_lines, make_scale, make_text

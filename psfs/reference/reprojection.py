@@ -10,10 +10,9 @@ from cl import Device, NumpyDevice
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.rig_geometry import pixel_boxes, voxel_footprints
 from psfs.silhouettes.hidden import UNKNOWN
-from psfs.voxels.foreground_join import BELOW, LEAST_PIXELS, MARK, SIDES
 from psfs.voxels.grid import VoxelGrid
 from psfs.voxels.host_voxels import HostVoxels
-from psfs.voxels.reprojection import edge_reach, proximity_table
+from psfs.voxels.reprojection import BELOW, LEAST_PIXELS, MARK, SIDES, edge_reach, proximity_table
 
 
 def splat(

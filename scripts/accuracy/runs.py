@@ -16,7 +16,7 @@ import numpy as np
 from accuracy.ablation import load_preset
 from apf.evaluation.evaluate import evaluate
 from apf.filters.method import Method
-from apf.filters.objectives import OBJECTIVES
+from apf.filters.searches import OBJECTIVES
 from apf.filters.term_weights import parse_weights
 from apf.formats.trc import JointSeries
 from apf.tracking.track import Track

@@ -1,5 +1,5 @@
 // Log of the density of a screen of one colour over the foreground's, in counts of 1 / STEPS nats
-// (psfs/background/chroma_key.py); twin: reference/chroma_key.py.
+// (psfs/background/chroma_key.py); twin: reference/silhouette.py.
 // Defines: STEPS, LOWEST, HIGHEST as in silhouette.cl; AREA of all chromaticities;
 // NOISE, grey levels of a channel; DARK, BRIGHT, the screen's range of light; LIGHT_WEIGHT (1 /
 // variance of the light beyond it).

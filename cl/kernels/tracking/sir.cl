@@ -1,4 +1,4 @@
-// Observation model of the particle filter; twin: reference/filters/sir.py.
+// Observation model of the particle filter; twin: reference/filters/annealed.py.
 
 // Rymut 2016 eq. (2.42): (1 - f)^2, whose exponent 1 / sigma_z^2 the annealing finds or is given.
 __kernel void squared_errors(int n, __global const float *errors, __global float *squared)

@@ -66,11 +66,8 @@ def _read_caliscope(table: Mapping[str, Any]) -> BoardFacts:
         width, height = float(table["board_width"]), float(table["board_height"])
         square = unit * min(width / columns, height / rows)
     family = _find_family(str(table["dictionary"]))
-    return BoardFacts("charuco", (columns, rows), square, square * _share(table), family)
-
-
-def _share(table: Mapping[str, Any]) -> float:
-    return float(table.get("aruco_scale", 0.75))
+    marker = square * float(table.get("aruco_scale", 0.75))
+    return BoardFacts("charuco", (columns, rows), square, marker, family)
 
 
 def _read_pose2sim(table: Mapping[str, Any]) -> BoardFacts:

@@ -8,9 +8,8 @@ from pathlib import Path
 from cl import InputError
 from psfs.common.files import check_folder
 from psfs.footage.layouts.common import Footage, Layout
-from psfs.footage.layouts.datasets import BODYTRACK, MIDDLEBURY, UTRECHT
+from psfs.footage.layouts.datasets import BODYTRACK, HUMANEVA, MIDDLEBURY, UTRECHT
 from psfs.footage.layouts.flat import FLAT
-from psfs.footage.layouts.humaneva import HUMANEVA
 from psfs.footage.layouts.native import NATIVE
 from psfs.footage.settings import SequenceSettings
 

@@ -206,7 +206,8 @@ def test_toes_are_compared_beside_the_mean() -> None:
     np.testing.assert_allclose(found.toes.errors, 0.01)
     assert not {"l_toe", "r_toe", "l_toe_tip"} & {*found.joint_names, *found.unmatched_truth}
     assert [row["joint"] for row in found.summary()["toes"]] == ["l_toe", "r_toe"]
-    assert evaluate(track, track.series).toes is None
+    joints = JointSeries(track.joint_names, track.joints, track.fps, track.frames)
+    assert evaluate(track, joints).toes is None
 
 
 # Axes and units that are not what was stated ------------------------------------------------------

@@ -10,10 +10,9 @@ import pytest
 from apf.body.kinematics import posed_joints
 from apf.body.model import BodyModel
 from apf.filters.method import Method
-from apf.filters.objectives import OBJECTIVES
-from apf.filters.searches import SEARCHES
+from apf.filters.searches import OBJECTIVES, SEARCHES
 from apf.takes.start import read_given_start
-from apf.tracking.pipeline import TrackingTask, track_frames
+from apf.tracking.pipeline import TrackingRun, TrackingTask, track_people
 from apf.tracking.track import Track
 from cl import Device, InputError, NumpyDevice
 from psfs.sequence import Sequence
@@ -42,7 +41,8 @@ def tracked(device: Device | NumpyDevice, start, method: Method, n_frames: int) 
     session = Session(sequence, device, SessionSettings(selection=slice(n_frames)))
     if method.uses_voxels:
         session.replace_result(automatic_grid, grid)
-    return track_frames(session, TrackingTask(body, pose, method, [0])).tracks[0]
+    run = TrackingRun(session, TrackingTask(body, pose, method, [0]))
+    return track_people([run])[0].tracks[0]
 
 
 #: Each objective by some search, and each search over voxels and pictures by a second one.

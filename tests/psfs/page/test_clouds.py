@@ -13,16 +13,18 @@ from helpers.studio import GRID, save_voxels
 from psfs.common.colours import CLAY
 from psfs.output.reconstruction_folder import ReconstructionFolder
 from psfs.page.clouds import (
+    COLOURINGS,
     CarvedClouds,
     KeptPoints,
     Points,
     StoredClouds,
+    colour_vertices,
+    colour_voxels,
     grid_centre,
     make_blocks,
     make_points,
     make_surface,
 )
-from psfs.page.colours import COLOURINGS, colour_vertices, colour_voxels
 from psfs.voxels.config import OccupancyConfig
 from psfs.voxels.grid import VoxelCloud, VoxelGrid
 

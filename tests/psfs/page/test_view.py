@@ -14,7 +14,7 @@ from helpers.studio import save_voxels
 
 import psfs.cli.view as command
 from psfs.cli import main
-from psfs.page.look_through import (
+from psfs.page.pictures import (
     crosses,
     find_straight_map,
     locate_point,
