@@ -8,7 +8,7 @@ palette, the likelihood ratio of the code on the part and on the mean part.
 
 from __future__ import annotations
 
-from functools import cache
+from functools import cache, lru_cache
 
 import cv2
 import numpy as np
@@ -112,9 +112,16 @@ def fit_palette(pictures: np.ndarray, silhouettes: np.ndarray) -> np.ndarray | N
     if len(person) < _LEAST_PIXELS:
         return None
     chosen = person[np.arange(_PALETTE_PIXELS) * len(person) // _PALETTE_PIXELS]
+    return _cluster_colours(chosen.tobytes())
+
+
+@lru_cache(maxsize=8)  # rival starts begin in the same frame
+def _cluster_colours(colours: bytes) -> np.ndarray:
+    """Return the palette (N_COLOURS,) of colours (N, 3) uint8."""
     centres, _ = scipy.cluster.vq.kmeans2(
-        _lab(chosen), _PALETTE_COLOURS, iter=20, minit="++", seed=0, missing="warn"
-    )
+        _lab(np.frombuffer(colours, np.uint8).reshape(-1, 3)), _PALETTE_COLOURS,
+        iter=20, minit="++", seed=0, missing="warn",
+    )  # fmt: skip
     return scipy.spatial.cKDTree(centres).query(_every_colour())[1].astype(np.uint8)
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from cl import Array, Device, Launch
@@ -125,14 +127,21 @@ def scale_light(light: np.ndarray, factor: float) -> np.ndarray:
     return scaled
 
 
+def remove_light(picture: np.ndarray, light: np.ndarray) -> Iterator[np.ndarray]:
+    """Yield the channels (h, w) of a picture (h, w, 3) in grey levels, float32, in the background's
+    light."""
+    field = light_field(light, *np.ogrid[: picture.shape[0], : picture.shape[1]])
+    for channel, (gain, offset) in enumerate(light[:6].astype(np.float32).reshape(2, 3).T):
+        lit = np.subtract(picture[..., channel], offset, dtype=np.float32)
+        lit /= gain * field
+        yield lit  # NumPy is slow along an axis of three
+
+
 def relight_picture(image: np.ndarray, light: np.ndarray) -> np.ndarray:
     """Return a picture (h, w, 3) uint8 relit by the background's light, in whole grey levels from 0
     to 255."""
-    field = light_field(light, *np.ogrid[: image.shape[0], : image.shape[1]])
-    relit, both = np.empty(image.shape, np.uint8), light[:6].astype(np.float32).reshape(2, 3)
-    for channel, (gain, offset) in enumerate(both.T):  # NumPy is slow along an axis of three
-        lit = np.subtract(image[..., channel], offset, dtype=np.float32)
-        lit /= gain * field
+    relit = np.empty(image.shape, np.uint8)
+    for channel, lit in enumerate(remove_light(image, light)):
         lit += np.float32(0.5)
         relit[..., channel] = np.clip(lit, 0, 255, out=lit)
     return relit

@@ -33,7 +33,7 @@ from psfs.background.gaussian import (
     select_rank,
     view_moments,
 )
-from psfs.background.light import GRID, fit_light, light_field, relight_picture, scale_light
+from psfs.background.light import GRID, fit_light, relight_picture, remove_light, scale_light
 from psfs.background.pixel_densities import (
     PixelDensities,
     close_region,
@@ -210,11 +210,9 @@ def _read_samples(
         return _View(frames if keep else None, light, small, None)
     mean, std = view_moments(film)
     (of,) = _estimate_light(mean[None, row[:, None], column], median, media.size)
-    for line in range(len(mean)):
-        field = light_field(of, np.array(line), np.arange(mean.shape[1]))
-        gains = np.float32(of[:3]) * field[:, None]
-        place[0][line] = (mean[line] - np.float32(of[3:6])) / gains
-        place[1][line] = std[line] / gains
+    place[0][...] = np.stack([*remove_light(mean, of)], -1)
+    of[3:6] = 0  # a deviation has no offset
+    place[1][...] = np.stack([*remove_light(std, of)], -1)
     return _View(frames if keep else None, light, small, place)
 
 

@@ -30,6 +30,14 @@ def keep_large_regions(occupied: np.ndarray, share: float = 0.0, least: float = 
     return large
 
 
+def fill_holes(occupied: np.ndarray) -> np.ndarray:
+    """Return `occupied` (any shape, bool) with what it encloses, from which no path over faces
+    leads out. As `scipy.ndimage.binary_fill_holes`, in a fraction of the time."""
+    outside, _ = scipy.ndimage.label(np.pad(~occupied, 1, constant_values=True))
+    inner = outside[(slice(1, -1),) * occupied.ndim]
+    return np.asarray(inner != outside.flat[0])
+
+
 def split_regions(indices: np.ndarray, shape: tuple[int, ...]) -> list[np.ndarray]:
     """Return the flat indices of each connected region, the largest first; `indices`: those of an
     array of `shape`, (N,) ascending."""

@@ -17,7 +17,7 @@ from cl import InputError
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.common.numbers import mean_known
 from psfs.common.pictures import read_picture
-from psfs.common.regions import bounding_box, iou
+from psfs.common.regions import bounding_box, fill_holes, iou
 from psfs.diagnostics.reprojection_iou import volume_region
 from psfs.output.preview import crop_view, label_picture, tile_pictures
 from psfs.sequence import Frame, Sequence
@@ -129,7 +129,7 @@ def fill_surface(cloud: VoxelCloud) -> np.ndarray:
         slice(low, high + 1) for low, high in zip(voxels.min(1), voxels.max(1), strict=True)
     )
     filled.ravel()[cloud.indices] = True
-    filled[box] = scipy.ndimage.binary_fill_holes(filled[box])
+    filled[box] = fill_holes(filled[box])
     return filled
 
 

@@ -13,7 +13,7 @@ from psfs.backend import AnyReconstructor, make_reconstructor
 from psfs.common.colours import CLAY
 from psfs.common.files import write_atomically
 from psfs.common.numbers import FROM_Y_UP
-from psfs.common.regions import keep_large_regions
+from psfs.common.regions import fill_holes, keep_large_regions
 from psfs.mesh.config import FORMATS, SMOOTHING
 from psfs.output.reconstruction_folder import ReconstructionFolder
 from psfs.reconstructor import Reconstructor
@@ -84,7 +84,7 @@ def _clean(probability: np.ndarray, threshold: float, debris: float) -> np.ndarr
     if not occupied.any():
         raise InputError(f"no voxel has a probability above {threshold:g}; expected a body")
     kept = keep_large_regions(occupied, debris)
-    cavities = scipy.ndimage.binary_fill_holes(kept) & ~kept
+    cavities = fill_holes(kept) & ~kept
     cleaned: np.ndarray = np.where(occupied & ~kept, np.float32(0), probability)
     cleaned[cavities] = 1
     return cleaned
@@ -164,7 +164,7 @@ def fill_cloud(cloud: VoxelCloud, box: VoxelGrid) -> np.ndarray:
     i, j, k = np.unravel_index(cloud.indices, cloud.grid.shape)
     surface = np.zeros(box.shape, bool)
     surface[i - low[0], j - low[1], k - low[2]] = True
-    return scipy.ndimage.binary_fill_holes(surface)
+    return fill_holes(surface)
 
 
 def match_solid(probability: np.ndarray, solid: np.ndarray, threshold: float) -> np.ndarray:

@@ -69,12 +69,15 @@ class CoarseSpace:
         centres = grid.centres()
         pixels = np.full((len(rig), len(centres)), -1, np.int32)
         depths = np.zeros((len(rig), len(centres)), np.float32)
-        self.widths: list[int] = []
-        found = map_in_threads(lambda camera: camera.look_up(centres), rig.cameras)
-        for view, (camera, (inside, row, column, depth)) in enumerate(zip(rig, found, strict=True)):
+
+        def see(view: int) -> int:
+            camera = rig.cameras[view]
+            inside, row, column, depth = camera.look_up(centres)
             pixels[view, inside], depths[view, inside] = row * rig.width + column, depth
             middle = float(np.median(depth)) if len(depth) else 1.0
-            self.widths.append(max(1, round(grid.voxel_size * camera.K[0, 0] / middle)))
+            return max(1, round(grid.voxel_size * camera.K[0, 0] / middle))
+
+        self.widths = list(map_in_threads(see, range(len(rig))))
         self.used, self.pixels, self.depths = np.arange(len(centres)), pixels, depths
         self.keep((pixels >= 0).sum(0) >= min_cameras)
 

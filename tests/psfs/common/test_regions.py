@@ -8,6 +8,7 @@ from scipy.signal import savgol_filter
 from psfs.common.numbers import smooth_locally
 from psfs.common.regions import (
     bounding_box,
+    fill_holes,
     find_largest_region_box,
     iou,
     keep_large_regions,
@@ -34,6 +35,13 @@ def test_small_parts_go(dimensions: int) -> None:
     box = find_largest_region_box(np.flatnonzero(occupied), occupied.shape)
     assert box is not None
     np.testing.assert_array_equal(box, [[1] * dimensions, [10] * dimensions])
+
+
+@pytest.mark.parametrize("shape", [(30, 40), (12, 13, 14), (1, 5)])
+def test_holes_are_filled_as_scipy_fills_them(shape: tuple[int, ...]) -> None:
+    for share in (0.0, 0.4, 0.7, 1.0):
+        occupied = np.random.default_rng(0).random(shape) < share
+        np.testing.assert_array_equal(fill_holes(occupied), ndimage.binary_fill_holes(occupied))
 
 
 def test_nothing_has_no_parts() -> None:
