@@ -1,6 +1,6 @@
 """Joint angles of a track against those of true bone rotations, in degrees.
 
-The truth's segments get anatomical frames in the same way as a body's (`apf.body.anatomy`): Y along
+The truth's segments get anatomical frames in the same way as a body's (`apf.body.angles`): Y along
 the limb, Z the axis about which elbow or knee bends, trunk and head upright at rest. That axis is
 taken from the motion: the limbs of a rig at rest may be bent about another. So angles of both mean
 the same up to a constant, where a rig's rest pose is not the person's upright one.

@@ -262,9 +262,8 @@ class FilterConfig(Config):
 _UNPREFIXED = ("search", "likelihood")
 
 
-def _name_setting(path: tuple[str, ...]) -> str:
-    return path[-1] if path[-2] in _UNPREFIXED else f"{path[-2]}_{path[-1]}"
-
-
 #: The path of names to each single setting, by the setting's name in `FilterConfig.create`.
-_PATHS = {_name_setting(path): path for path, _ in fields_below(FilterConfig)}
+_PATHS = {
+    path[-1] if path[-2] in _UNPREFIXED else "_".join(path[-2:]): path
+    for path, _ in fields_below(FilterConfig)
+}

@@ -7,8 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from apf.body.anatomy import anatomical_frames
-from apf.body.angles import angles_between, decompose, unwrap_known
+from apf.body.angles import anatomical_frames, angles_between, decompose, unwrap_known
 from apf.body.kinematics import posed_joints
 from apf.body.limbs import limb_angles
 from apf.body.model import BodyModel

@@ -14,8 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from apf.body.anatomy import standing_axes
-from apf.body.angles import rotation_between
+from apf.body.angles import rotation_between, standing_axes
 from apf.body.kinematics import bone_matrices, posed_joints
 from apf.body.markers import virtual_markers
 from apf.body.model import BodyModel, Joint, find_side, sideless

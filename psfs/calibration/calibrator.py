@@ -21,13 +21,14 @@ from cl import InputError
 from psfs.calibration.bundle import LENS_PARAMETERS, FreeParameters, adjust_bundle, compare_lenses
 from psfs.calibration.scene import GOOD, OUTLIER, CalibrationScene, reprojection_errors, rms
 from psfs.calibration.start.board import place_cameras_by_board
-from psfs.calibration.start.lenses import default_camera, estimate_camera_from_boards
 from psfs.calibration.start.motion_capture import place_cameras_by_markers
 from psfs.calibration.start.placing import (
     FEW_BOARDS,
     FEW_WANDS,
     check_linked,
     count_shared_frames,
+    default_camera,
+    estimate_camera_from_boards,
     find_spanning_pairs,
 )
 from psfs.calibration.start.wand import estimate_focal_lengths, place_cameras_by_wand

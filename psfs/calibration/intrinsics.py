@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from cl import InputError, MissingFileError
-from psfs.calibration.start.lenses import default_camera, estimate_camera_from_boards
+from psfs.calibration.start.placing import default_camera, estimate_camera_from_boards
 from psfs.calibration.targets.detection import Finder
 from psfs.calibration.targets.target import Sighting
 from psfs.cameras.calibration import find_calibration, read_calibration

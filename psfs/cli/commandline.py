@@ -23,10 +23,6 @@ if TYPE_CHECKING:
     from rich.table import Table
 
 
-def _printable(text: str) -> str:
-    return "\n".join(escape_unprintable(line) for line in text.split("\n"))
-
-
 @dataclass
 class _State:
     """State of the running command's messages, from its flags."""
@@ -58,7 +54,10 @@ class Messages:
         """Print like rich's console, without control characters; text is not wrapped. Only into the
         log file if `quiet`."""
         options.setdefault("soft_wrap", all(isinstance(item, str) for item in objects))
-        objects = tuple(_printable(item) if isinstance(item, str) else item for item in objects)
+        objects = tuple(
+            "\n".join(map(escape_unprintable, item.split("\n"))) if isinstance(item, str) else item
+            for item in objects
+        )
         if not self.quiet:
             self.console.print(*objects, **options)
         if _state.log is not None:

@@ -22,7 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from apf.body.anatomy import anatomical_frames, standing_axes
+from apf.body.angles import anatomical_frames, standing_axes
 from apf.body.kinematics import posed_joints, posed_points
 from apf.body.limbs import limb_joints
 from apf.body.markers import virtual_markers

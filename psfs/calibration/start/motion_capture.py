@@ -12,7 +12,7 @@ import numpy as np
 from cl import InputError
 from psfs.calibration.scene import CalibrationScene, place_camera, rigid_transform
 from psfs.calibration.start.board import choose_best_pose
-from psfs.calibration.start.lenses import FOCALS, with_focal_length
+from psfs.calibration.start.placing import FOCALS, with_focal_length
 from psfs.calibration.targets.target import Sighting, Target, group_by_view, make_wand
 from psfs.cameras.camera import Camera
 from psfs.cameras.names import join_names

@@ -12,8 +12,7 @@ import numpy as np
 from cl import InputError
 from psfs.calibration.scene import BAD, CalibrationScene, place_camera, rigid_transform
 from psfs.calibration.start.board import choose_best_pose
-from psfs.calibration.start.lenses import FOCALS, with_focal_length
-from psfs.calibration.start.placing import chain_poses
+from psfs.calibration.start.placing import FOCALS, chain_poses, with_focal_length
 from psfs.calibration.targets.target import EQUAL, Sighting, Target, group_by_frame
 from psfs.cameras.camera import Camera
 from psfs.cameras.triangulation import intersect_rays

@@ -5,8 +5,7 @@ import pytest
 from helpers import bodies
 from scipy.spatial.transform import Rotation
 
-from apf.body.anatomy import anatomical_frames
-from apf.body.angles import HANGING, joint_angles, relative_rotations
+from apf.body.angles import HANGING, anatomical_frames, joint_angles, relative_rotations
 from apf.body.markers import virtual_markers
 from apf.body.model import BodyModel
 from apf.body.toml import load_body

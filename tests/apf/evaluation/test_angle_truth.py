@@ -8,7 +8,7 @@ from helpers import bodies
 from helpers.striders import track_of_poses
 from scipy.spatial.transform import Rotation
 
-from apf.body.anatomy import anatomical_frames
+from apf.body.angles import anatomical_frames
 from apf.body.kinematics import posed_joints
 from apf.body.toml import load_body
 from apf.cli.evaluate import print_angles

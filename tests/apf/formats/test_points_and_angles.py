@@ -11,7 +11,7 @@ from helpers import bodies
 from helpers.striders import strider, track_of_poses
 from scipy.spatial.transform import Rotation
 
-from apf.body.anatomy import anatomical_frames
+from apf.body.angles import anatomical_frames
 from apf.body.toml import load_body
 from apf.formats.angles import opensim_coordinates, write_angle_csv
 from apf.formats.c3d import C3dEvent, read_c3d, write_c3d
