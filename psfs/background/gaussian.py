@@ -70,7 +70,7 @@ def view_moments(view: Media) -> Moments:
     width, height = view.size
     if 3 * width * height * view.count > _HELD_BYTES:
         return clipped_moments(view)
-    frames, rows = list(view), max(1, _BAND_BYTES // (16 * 3 * width))
+    frames, rows = list(view), max(1, _BAND_BYTES // (4 * 3 * width))
     mean, std = np.empty((2, height, width, 3), np.float32)
     for top in range(0, height, rows):
         band = slice(top, top + rows)
@@ -216,7 +216,7 @@ def select_rank(stack: np.ndarray, rank: np.ndarray | int) -> np.ndarray:
         tried = found | np.uint8(bit)
         np.less(stack, tried, out=less)  # one call for all: threads contend for Python's lock
         count = less.view(np.uint8).sum(axis=0, dtype=np.uint8 if len(stack) < 256 else np.int32)
-        found |= (count <= rank).view(np.uint8) * np.uint8(bit)
+        np.copyto(found, tried, where=count <= rank)
     return found
 
 

@@ -90,37 +90,35 @@ class CoarseSpace:
     def cover(self, view: int, rows: np.ndarray, margin: int = 0) -> np.ndarray:
         """Return the pixels (H, W) bool of a camera that the voxels `used[rows]` cover, and those
         within a `margin`, px."""
-        at = self.pixels[view, rows]
-        shown = np.zeros(self.rig.height * self.rig.width, np.uint8)
-        shown[at[at >= 0]] = 1
+        shown = np.zeros(self.rig.height * self.rig.width + 1, np.uint8)
+        shown[self.pixels[view, rows]] = 1  # the last one is that of voxels outside of the picture
         square = np.ones((self.widths[view] + margin,) * 2, np.uint8)
-        return cv2.dilate(shown.reshape(self.rig.height, self.rig.width), square) > 0
+        return cv2.dilate(shown[:-1].reshape(self.rig.height, self.rig.width), square) > 0
 
     def carve(self, evidence: np.ndarray, *, all_agree: bool = True) -> np.ndarray:
         """Return the flat indices, ascending, of the occupied voxels: each has the largest evidence
         of the pixels that it covers. evidence: maps (V, H, W) from `remove_speckle`. all_agree: if
         false, where more than three cameras look, the one that denies most does not count:
         furniture may stand before it."""
-        votes, least = np.zeros((2, len(self.used)), np.int32)
-        for counts, at, width in zip(evidence, self.pixels, self.widths, strict=True):
-            wide = _to_evidence(cv2.dilate(_bytes(counts), np.ones((width, width), np.uint8)))
-            vote = np.where(at >= 0, wide.ravel()[at], 0)
-            votes += vote
-            np.minimum(least, vote, out=least)
+        wide = [
+            _to_evidence(cv2.dilate(_bytes(one), np.ones((width, width), np.uint8)))
+            for one, width in zip(evidence, self.widths, strict=True)
+        ]
+        counts = look_up(np.stack(wide), self.pixels)
+        votes = counts.sum(0, dtype=np.int32)
         if not all_agree:
-            votes -= np.where((self.pixels >= 0).sum(0) > 3, least, 0)
+            votes -= np.where((self.pixels >= 0).sum(0) > 3, np.minimum(counts.min(0), 0), 0)
         return self.used[votes > 0]
 
 
 def look_up(maps: np.ndarray, pixels: np.ndarray) -> np.ndarray:
     """Return the values (V, N) of maps (V, H, W) at flat indices (V, N); 0 at the index -1."""
-    flat = maps.reshape(len(maps), -1)
-    return np.stack(
-        [
-            np.append(own, own.dtype.type(0)).take(at, mode="wrap")
-            for own, at in zip(flat, pixels, strict=True)
-        ]
-    )
+    padded = np.zeros((len(maps), maps[0].size + 1), maps.dtype)
+    padded[:, :-1] = maps.reshape(len(maps), -1)
+    values = np.empty(pixels.shape, maps.dtype)
+    for own, at, into in zip(padded, pixels, values, strict=True):
+        own.take(at, mode="wrap", out=into)
+    return values
 
 
 def largest_parts_box(
