@@ -67,8 +67,8 @@ _COEFFICIENTS = _RINGS * (2 * _HARMONICS - 1) + 2
 _SOLE, FLOOR = 0.005, 0.1
 #: Distances, m, at which a ray counts a quarter, from the first step to the last.
 REACHES = np.geomspace(0.08, 0.03, 7)
-#: Frames that a thread works on at a time.
-_TOGETHER = 16
+#: Frames that a thread works on at a time: few enough for a cache and for all threads.
+_TOGETHER = 8
 #: Number of steps of poses whose body is known.
 _STEPS = 6
 #: Share of a pose's own normal matrix added to its diagonal (Levenberg 1944).

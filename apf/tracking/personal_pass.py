@@ -7,6 +7,7 @@ frames together say more of the person, see `apf.initialisation.personal`.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from typing import TypeAlias
 
@@ -53,15 +54,16 @@ def fit_personal_body(
 
     def complete(last: Sequence[Track]) -> list[Track]:
         lengths, completed = fit.length_deviations(measures, covariance), list[Track]()
-        surface = None
-        if outlined:
-            surface = fit_surface(body, outlined, fitted[0].poses[tracked], lengths)
-        for track, (rows, visible) in zip(last, of_each, strict=True):
-            stated = np.array(track.covariance)
-            stated[rows] = fit.joint_covariance(measures, covariance, visible, track.poses[rows])
-            diagnostics = {**track.diagnostics, "covariance": stated}
-            completed.append(replace(track, diagnostics=diagnostics, surface=surface))
-        return completed
+        shown = fitted[0].poses[tracked]
+        with ThreadPoolExecutor(1) as thread:
+            begun = thread.submit(fit_surface, body, outlined, shown, lengths) if outlined else None
+            for track, (rows, visible) in zip(last, of_each, strict=True):
+                poses, stated = track.poses[rows], np.array(track.covariance)
+                stated[rows] = fit.joint_covariance(measures, covariance, visible, poses)
+                diagnostics = {**track.diagnostics, "covariance": stated}
+                completed.append(replace(track, diagnostics=diagnostics))
+        surface = begun.result() if begun else None
+        return [replace(track, surface=surface) for track in completed]
 
     return fitted, complete
 
