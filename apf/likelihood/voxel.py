@@ -7,6 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pyopencl
 
+from apf.body.limbs import find_hands
 from apf.body.model import BodyModel
 from apf.body.posing import CONE_DEFINES, FRAME_FLOATS, SPAN_FLOATS, body_defines, pack_body
 from apf.likelihood.base import Likelihood, PointSubset
@@ -33,6 +34,10 @@ _SAMPLE_SPACING = 0.06
 #: Distance, m, at which a surface voxel is half unexplained (Geman & McClure 1987): about that of a
 #: body's surface from its cones and from the hull of few cameras.
 SURFACE_SCALE = 0.05
+#: Distance, m, of a hand from the lower end of what it holds, from below or beside, that is half
+#: out of its grasp, and weight of each hand's error, counted once per camera. Arms that lie before
+#: a box show in no picture, and would reach for its upper rim, which round parts explain badly.
+GRASP_SCALE, GRASP_WEIGHT = 0.1, 0.4
 #: Fewest rows and columns of samples on a cone: the shortest one, too, shows its outline.
 _FEWEST_SAMPLES = (4, 3)
 #: Numbers that score_poses adds up per camera, and items that add up each; numbers that it keeps of
@@ -115,9 +120,12 @@ class VoxelLikelihood(Likelihood):
         rows = make_sample_rows(choose_cone_sampling(body))
         self._rows = device.to_device(rows, "the cones' samples")
         self._defines = self._choose_defines(body)
-        self._n_pairs = len(body.apart)
+        self._n_pairs, self._load = len(body.apart), len(body.without_load.cones)
         pairs = np.array(body.apart or [(0, 0)], np.int32)
         self._pairs = device.to_device(pairs, "the parts that stay apart")
+        hands = find_hands(body)
+        self._n_hands = len(hands)
+        self._hands = device.to_device(np.array(hands or [0], np.int32), "the hands")
         self._posture = device.to_device(posture_prior(body), "the posture prior")
         self._cameras = device.to_device(rig.packed(), "the cameras")
         self.n_launchers = 0
@@ -235,7 +243,8 @@ class VoxelLikelihood(Likelihood):
         config, n = self.config, poses.shape[0]
         arguments: dict[str, Argument] = {
             **{"weights": config.weights, "posture_weight": config.posture_prior_weight},
-            **{"recall_weight": recall_weight, "errors": errors, "misfits": misfits},
+            **{"grasp_weight": GRASP_WEIGHT, "recall_weight": recall_weight},
+            **{"errors": errors, "misfits": misfits},
             **self._point_arguments,
         }
         score = self._launch(n, poses, subset, **arguments)
@@ -252,6 +261,7 @@ class VoxelLikelihood(Likelihood):
         weights = np.array([0, 1, 1, 0], np.float32) / np.float32(len(self.rig))
         arguments: dict[str, Argument] = {
             **{"weights": weights, "posture_weight": 0.0, "recall_weight": 0.0},
+            "grasp_weight": 0.0,
             **{**self._point_arguments, "errors": self.misfits, "misfits": None, "observed": None},
         }
         return [self._launch(1, poses, PointSubset(0, 1), **arguments)]
@@ -281,6 +291,10 @@ class VoxelLikelihood(Likelihood):
             pixels=self._pixels,
             n_pairs=self._n_pairs,
             pairs=self._pairs,
+            n_hands=self._n_hands,
+            hands=self._hands,
+            load=self._load,
+            reach=GRASP_SCALE,
             posture=self._posture,
             **self._arguments,
             colour_weight=0.0,

@@ -9,8 +9,14 @@ from scipy import ndimage
 from apf.body.kinematics import posed_cones
 from apf.body.model import BodyModel
 from apf.filters.config import FilterConfig
-from apf.likelihood.voxel import VoxelLikelihood, choose_cone_sampling
-from apf.reference.likelihood.voxel import FrameEvidence, posture_errors, subset, total_errors
+from apf.likelihood.voxel import GRASP_WEIGHT, VoxelLikelihood, choose_cone_sampling
+from apf.reference.likelihood.voxel import (
+    FrameEvidence,
+    grasp_errors,
+    posture_errors,
+    subset,
+    total_errors,
+)
 from apf.scene import Scene
 from cl import Array, Device
 from helpers import bodies, scenes
@@ -82,6 +88,7 @@ class Setup:
         seen = subset(points, turn, self.config.point_turns)
         observed = FrameEvidence(self.maps, seen)
         errors = total_errors(self.rig, cones, observed, sampling, self.body.apart, self.config)
+        errors += len(self.rig) * GRASP_WEIGHT * grasp_errors(self.body, cones)
         posture = posture_errors(self.body, self.poses.astype(float))
         return errors + len(self.rig) * self.config.posture_prior_weight * posture
 

@@ -10,11 +10,18 @@ import numpy as np
 
 from apf.body.cones import overlap_errors, project_outlines
 from apf.body.kinematics import bone_matrices, posed_cones
+from apf.body.limbs import find_hands
 from apf.body.model import BodyModel
 from apf.likelihood.config import LikelihoodConfig
 from apf.likelihood.term import SharedTwin, TermTwin
 from apf.likelihood.terms import TERMS
-from apf.likelihood.voxel import SURFACE_SCALE, choose_cone_sampling, make_sample_rows
+from apf.likelihood.voxel import (
+    GRASP_SCALE,
+    GRASP_WEIGHT,
+    SURFACE_SCALE,
+    choose_cone_sampling,
+    make_sample_rows,
+)
 from apf.reference.likelihood.base import NumpyLikelihood
 from apf.reference.likelihood.part_colour import is_in_outline, sample_outlines
 from apf.scene import Scene
@@ -77,6 +84,20 @@ def surface_errors(points: np.ndarray, cones: np.ndarray, scale: float) -> np.nd
         nearest = np.abs(cone_distances(points, particle)).min(1)
         errors.append(np.mean(nearest**2 / (nearest**2 + scale**2)))
     return np.array(errors)
+
+
+def grasp_errors(body: BodyModel, cones: np.ndarray) -> np.ndarray:
+    """Return (N,) how far hands are from what they hold, 0 to 1 for each hand.
+
+    The sum over the hands of d^2 / (d^2 + `GRASP_SCALE`^2), d the distance, m, between a hand and
+    the nearest lower end of what the person carries, by cones (N, C, 16)."""
+    hands, load = cones[:, find_hands(body)], cones[:, len(body.without_load.cones) :]
+    if not hands.size:
+        return np.zeros(len(cones))
+    apart = np.linalg.norm(hands[:, :, None, 4:7] - load[:, None, :, 0:3], axis=-1)
+    nearest = (apart - load[:, None, :, 3]).min(-1) - hands[..., 7]
+    ratio = np.maximum(nearest, 0) / GRASP_SCALE
+    return np.sum(ratio**2 / (1 + ratio**2), 1)
 
 
 def posture_errors(body: BodyModel, poses: np.ndarray) -> np.ndarray:
@@ -197,6 +218,7 @@ class NumpyVoxelLikelihood(NumpyLikelihood):
         terms = list(self.terms.values())
         errors = total_errors(rig, cones, seen, self._sampling, body.apart, config, terms)
         errors = errors + len(rig) * config.posture_prior_weight * posture_errors(body, poses)
+        errors = errors + len(rig) * GRASP_WEIGHT * grasp_errors(body, cones)
         for name, term in self.terms.items():
             errors = errors + len(rig) * config.terms[name].weight * term.errors(poses)
         return errors

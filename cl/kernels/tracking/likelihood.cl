@@ -193,20 +193,42 @@ INLINED vfloat overlap(int n_pairs, __global const int2 *pairs, __local const vf
     return sum;
 }
 
+// Sum over this item's share of the `hands`, the ends of these cones, of d^2 / (d^2 + reach^2), d the
+// distance between a hand and the nearest lower end of what is carried, the cones from `load` on.
+INLINED vfloat out_of_grasp(int n_hands, __global const int *hands, int load, float reach,
+                            __local const vfloat *cones)
+{
+    vfloat sum = 0.0f;
+    for (int item = lane_from(5); item < n_hands; item += GROUP) {
+        __local const vfloat *hand = cones + hands[item] * CONE_FLOATS;
+        vfloat nearest = 1e6f;
+        for (int c = load; c < N_CONES; ++c) {
+            __local const vfloat *part = cones + c * CONE_FLOATS;
+            const vfloat x = part[0] - hand[4], y = part[1] - hand[5], z = part[2] - hand[6];
+            nearest = least(nearest, sqrt(x * x + y * y + z * z) - part[3]);
+        }
+        const vfloat ratio = most(nearest - hand[7], 0.0f) / reach;
+        sum += ratio * ratio / (1.0f + ratio * ratio);
+    }
+    return sum;
+}
+
 // Numbers of score_poses. weights: of edge, silhouette, surface, overlap. n_rows: of samples on all
 // cones. n_points, first_point, stride, scale: surface voxels, those that count, and their distance
-// that is half unexplained. The mean miss of the most observed points that there could be is added with
-// point_weight once per camera, see observed.h.
+// that is half unexplained. load: the first cone of what is carried, reach: the distance of a hand from
+// it that is half out of grasp. The mean miss of the most observed points that there could be is added
+// with point_weight once per camera, see observed.h.
 typedef struct {
     float4 weights;
-    int n_particles, n_views, width, height, n_rows, n_points, first_point, stride, n_pairs;
-    float scale, posture_weight, colour_weight, contour_weight, point_weight, point_reach, exchange;
-    float recall_weight;
+    int n_particles, n_views, width, height, n_rows, n_points, first_point, stride, n_pairs, n_hands;
+    int load;
+    float scale, reach, grasp_weight, posture_weight, colour_weight, contour_weight, point_weight;
+    float point_reach, exchange, recall_weight;
 } score_numbers;
 
 // The exponent of Song et al. eq. (16) with its sign put right: the sum over cameras of edge and
-// silhouette error, to which surface, overlap and posture error are added once per camera. Cameras
-// that see no sample are replaced by the mean of the others; if no camera sees any, by the worst.
+// silhouette error, to which surface, overlap, grasp and posture error are added once per camera.
+// Cameras that see no sample are replaced by the mean of the others; if none sees any, by the worst.
 // row_table: the rows of samples on all cones, for which `rows` is room. row_parts: of every row, the
 // part that is looked for in the pictures' codes and contours, or -1. observed: null, or points, see
 // observed.h. pixels: of the surface voxels in every camera; the share of those that count that no
@@ -218,6 +240,7 @@ void score_poses(// constants
                  score_numbers numbers, __global const float *table,
                  __global const float *cameras, __global const float4 *row_table,
                  __global const int *row_parts, __global const int2 *pairs,
+                 __global const int *hands,
                  __global const float4 *posture,
                  // in
                  __global const float *poses, __global const uchar *maps,
@@ -253,6 +276,9 @@ void score_poses(// constants
     if (numbers.weights.w > 0.0f && numbers.n_pairs > 0)
         sum += numbers.weights.w / (3 * numbers.n_pairs) *
                overlap(numbers.n_pairs, pairs, cones, spans);
+    if (numbers.grasp_weight > 0.0f)
+        sum += numbers.grasp_weight *
+               out_of_grasp(numbers.n_hands, hands, numbers.load, numbers.reach, cones);
     if (numbers.posture_weight > 0.0f)
         sum += numbers.posture_weight * posture_error(lane_from(7), posture, poses, first,
                                                       numbers.n_particles, body, frames);

@@ -9,7 +9,10 @@ from helpers.likelihoods import CONFIG, FRONT, Setup, cloud, only, smooth_maps
 
 from apf.body.cones import overlap_errors
 from apf.body.kinematics import posed_cones
+from apf.body.limbs import find_hands
 from apf.body.model import BodyModel
+from apf.body.stature import stature
+from apf.initialisation.load import add_load
 from apf.likelihood.config import LikelihoodConfig
 from apf.likelihood.voxel import VoxelLikelihood, choose_cone_sampling
 from apf.reference.likelihood.voxel import (
@@ -191,6 +194,26 @@ def test_overlap_kernel_agrees_where_parts_meet(device: Device) -> None:
     expected = setup.expected(NO_POINTS)
     assert (expected > 0.02).mean() > 0.1 and (expected == 0).any()
     np.testing.assert_allclose(setup.errors(), expected, atol=1e-5)
+
+
+@pytest.mark.parametrize(("ahead", "hands"), [(0.4, 2), (-0.3, 0)])
+def test_hands_hold_what_is_carried_before_the_trunk(
+    device: Device, ahead: float, hands: int
+) -> None:
+    """Both hands from below or beside; none holds what is on the back."""
+    body, rig = bodies.named("song31"), scenes.ring(2)
+    ends = np.array([[ahead, 0.1, 0.1], [ahead, 0.1, 0.3]])
+    parts = [
+        replace(body.cones[0], name=f"load_{k}", bone=0, start=start, end=end)
+        for k, (start, end) in enumerate([ends, ends * (1, -1, 1)])
+    ]
+    loaded = add_load(body, parts, stature(body))
+    assert len(find_hands(loaded)) == hands and not find_hands(body)
+    poses = bodies.random_poses(body, 37, wild=True)
+    setup = Setup(device, loaded, rig, poses, smooth_maps(rig), only("none"))
+    expected = setup.expected(NO_POINTS)
+    assert (np.ptp(expected) > 0.4) == (hands > 0)
+    np.testing.assert_allclose(setup.errors(), expected, atol=1e-4)
 
 
 @pytest.mark.parametrize("name", ["song31", "stick"])
