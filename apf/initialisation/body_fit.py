@@ -163,7 +163,7 @@ class SurfaceEvidence:
         here = place_points(nearest, coordinates)
         normal = cone_normals(here, nearest)
         normal /= np.maximum(np.sqrt(dot(normal, normal)), 1e-9)[:, None]
-        ends = end_displacements(nearest, coordinates, normal)
+        ends = end_displacements(nearest, coordinates[:, :1], here, normal)
         through = _move_cones(model, body, at.poses, cones)
         touching = Residuals(
             dot(normal, here - target),

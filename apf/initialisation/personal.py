@@ -465,9 +465,10 @@ class PersonalFit:
             bulged = shape.bulges(cone, coordinates)
             gap = gap - np.sum(bulged * bulges[shape.group[cone]], axis=1)
             root = np.sqrt(robust_weights(gap, reach / REACH) / SHARED) / NOISE
-            rows = [normal, cross_rows(place_points(mine, coordinates), normal)]
+            here = place_points(mine, coordinates)
+            rows = [normal, cross_rows(here, normal)]
             if free:
-                rows += [end_displacements(mine, coordinates, normal), bulged]
+                rows += [end_displacements(mine, coordinates[:, :1], here, normal), bulged]
             weighted, key = np.column_stack([*rows, -gap]) * root[:, None], frame * n_cones + cone
             if has_floor:
                 sole, depths = self._press_soles(own, weighted.shape[1], free)

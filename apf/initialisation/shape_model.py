@@ -108,11 +108,12 @@ def place_points(cones: np.ndarray, coordinates: np.ndarray) -> np.ndarray:
     return a + t * axis + radius * offset
 
 
-def end_displacements(cones: np.ndarray, coordinates: np.ndarray, normal: np.ndarray) -> np.ndarray:
-    """Return the displacements (K, 8) along `normal` (K, 3) of points at `coordinates` (K, 4) on
-    cones (K, 16) per unit of the ends' coordinates and radii."""
-    t = coordinates[:, 0:1]
-    outward = place_points(cones, coordinates) - (1 - t) * cones[:, 0:3] - t * cones[:, 4:7]
+def end_displacements(
+    cones: np.ndarray, t: np.ndarray, points: np.ndarray, normal: np.ndarray
+) -> np.ndarray:
+    """Return the displacements (K, 8) along `normal` (K, 3) of points (K, 3), at the shares `t` (K,
+    1) along cones (K, 16), per unit of the ends' coordinates and radii."""
+    outward = points - (1 - t) * cones[:, 0:3] - t * cones[:, 4:7]
     radius = (1 - t) * cones[:, 3:4] + t * cones[:, 7:8]
     along = np.concatenate([normal, dot(normal, outward)[:, None] / radius], 1)
     return np.concatenate([(1 - t) * along, t * along], 1)

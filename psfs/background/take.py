@@ -130,25 +130,26 @@ def find_covered(
     floor, on which somebody who stays in a place stands. That one is taken with which the cameras
     agree better in the end.
     """
-    moving = np.stack(list(pool.map(find_moving_region, frames)))
-    moments = list(pool.map(median_moments, frames))
+    regions, medians = pool.map(find_moving_region, frames), pool.map(median_moments, frames)
     films = [None] * len(rig) if film is None else [(mean, std) for mean, std in film]
+    moving = np.stack(list(regions))
     still = Rays(rig, moving)
+    moments = list(medians)
     changes = moving
     if film is not None:
         # Somebody who sits moves in some views, or in none.
         seeds = moving | ~still.regions.any((1, 2), keepdims=True)
         changes = np.stack(list(pool.map(_find_changes, seeds, moments, films)))
-    changed = Rays(rig, changes, _FLOOR)
 
-    def label(rays: Rays) -> tuple[float, list[Labels]]:
-        learn = partial(PixelDensities, from_median=rays is still)
+    def label(to_floor: bool) -> tuple[float, list[Labels]]:
+        rays = Rays(rig, changes, _FLOOR) if to_floor else still
+        learn = partial(PixelDensities, from_median=not to_floor)
         densities = list(pool.map(learn, frames, rays.regions, moments, films))
         coverage = Coverage(rays)
         labels = _maximise(coverage, densities, pool)
         return coverage.agreement, labels
 
-    starts = map_in_threads(label, (still, changed))
+    starts = map_in_threads(label, (False, True))
     return max(starts, key=itemgetter(0))[1]
 
 
