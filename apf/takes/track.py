@@ -32,7 +32,7 @@ from apf.tracking.take import (
     Take,
     check_cameras,
     choose_starts,
-    complete_take,
+    complete_takes,
     start_take,
     track_again,
     track_first,
@@ -171,7 +171,7 @@ def _track_people(
     takes = track_again(started, takes, progress)
     if any(take.complete is not None for take in takes):
         progress("completing")
-    done, takes = [], list(map(complete_take, takes))
+    done, takes = [], complete_takes(takes)
     for number, take in enumerate(takes, start=1):
         session = _begin_person(job, persons, number)
         done.append(_finish(persons.job(job, number), replace(examination, session=session), take))

@@ -33,7 +33,7 @@ from apf.tracking.track import Track
 from cl import InputError, UserError
 from psfs.common.cones import CONE_FLOATS
 from psfs.common.numbers import pick_evenly
-from psfs.common.progress import one_blas_thread
+from psfs.common.progress import map_in_threads, one_blas_thread
 from psfs.people.separation import PersonSession
 from psfs.sequence import Sequence
 from psfs.session import Session
@@ -64,7 +64,7 @@ class Take:
     was tracked to both ends, and one track for each seed. start: the automatic start; None if body
     and pose were given. seconds: of reconstruction and tracking, without the start. error: the
     error that ended the tracks early. complete: completes the tracks of the person's own body
-    after the last pass, see `complete_take`."""
+    after the last pass, see `complete_takes`."""
 
     sequence: Sequence
     body: BodyModel
@@ -114,7 +114,8 @@ def track_take(
     report = progress or (lambda stage: None)
     started = [start_take(session, settings, progress)]
     started = choose_starts(started, lambda stage: report("start"))
-    return complete_take(track_again(started, track_first(started, progress, [keep]), progress)[0])
+    first = track_first(started, progress, [keep])
+    return complete_takes(track_again(started, first, progress))[0]
 
 
 def start_take(
@@ -341,19 +342,27 @@ def fit_personal(
     )
 
 
-def complete_take(take: Take) -> Take:
-    """Return the take whose tracks have what only the last pass needs: the uncertainty and the
+def complete_takes(takes: Items[Take]) -> list[Take]:
+    """Return the takes whose tracks have what only the last pass needs: the uncertainty and the
     surface of the person's own body, if there is one. If an interrupt comes first, they count as
     interrupted."""
-    if take.complete is None:
-        return take
-    began = time.perf_counter()
+
+    def complete(take: Take) -> Take:
+        if take.complete is None:
+            return take
+        began = time.perf_counter()
+        tracks = take.complete(take.tracks)
+        return replace(take, tracks=tracks, seconds=take.seconds + time.perf_counter() - began)
+
     try:
-        with one_blas_thread():
-            tracks = take.complete(take.tracks)
+        with one_blas_thread():  # which all threads share
+            return list(map_in_threads(complete, takes))
     except KeyboardInterrupt:
-        tracks = [track.as_interrupted for track in take.tracks]
-    return replace(take, tracks=tracks, seconds=take.seconds + time.perf_counter() - began)
+        return [
+            replace(take, tracks=[track.as_interrupted for track in take.tracks])
+            if take.complete else take
+            for take in takes
+        ]  # fmt: skip
 
 
 def compare_passes(first: Track, second: Track) -> Track:

@@ -22,7 +22,7 @@ from apf.tracking.take import (
     StartedTake,
     Take,
     choose_starts,
-    complete_take,
+    complete_takes,
     rank_starts,
     track_again,
 )
@@ -101,7 +101,7 @@ def test_the_first_pass_counts_if_the_second_one_does_not_end(
 
     of_take = session.sequence, body, track.poses[0], None, [track], 1.0
     first = Take(*of_take, complete=complete)
-    found = complete_take(track_again([StartedTake(session, task)], [first])[0])
+    (found,) = complete_takes(track_again([StartedTake(session, task)], [first]))
     assert found.tracks[0].fps == 7.0
     assert found.tracks[0].interrupted and found.error is (
         ended if isinstance(ended, DeviceError) else None
