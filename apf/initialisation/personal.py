@@ -67,8 +67,8 @@ _COEFFICIENTS = _RINGS * (2 * _HARMONICS - 1) + 2
 _SOLE, FLOOR = 0.005, 0.1
 #: Distances, m, at which a ray counts a quarter, from the first step to the last.
 REACHES = np.geomspace(0.08, 0.03, 7)
-#: Frames that a thread works on at a time: few enough for a cache and for all threads.
-_TOGETHER = 8
+#: Most frames that a thread works on at a time: fewer wait for Python's lock more often.
+_TOGETHER = 16
 #: Number of steps of poses whose body is known.
 _STEPS = 6
 #: Share of a pose's own normal matrix added to its diagonal (Levenberg 1944).
@@ -456,9 +456,11 @@ class PersonalFit:
             ends[..., 6:] = growths
             moves = np.concatenate([np.pad(moves, [(0, 0)] * 3 + [(0, 8)]), ends.swapaxes(1, 2)], 2)
         bulges = measures[shape.n_built :].reshape(-1, _COEFFICIENTS)
+        n_blocks = max(1, -(-len(poses) // _TOGETHER))
+        together = max(1, -(-len(poses) // n_blocks))  # blocks of about the same size
 
         def linearise(first: int) -> T:
-            block = slice(first, min(first + _TOGETHER, len(poses)))
+            block = slice(first, min(first + together, len(poses)))
             own, n_cones = cones[block], len(template.cones)
             frame, cone, coordinates, normal, gap = nearest_outline(outlines[block], own)
             mine = own[frame, cone]
@@ -483,7 +485,7 @@ class PersonalFit:
             blocks = matrix[:, :n, n:], matrix[:, n:, n:]
             return use(_Normal(block, by_pose, *blocks, pull, vector[:, n:]))
 
-        return list(map_in_threads(linearise, range(0, len(poses), _TOGETHER)))
+        return list(map_in_threads(linearise, range(0, len(poses), together)))
 
     def _expand(self, moves: np.ndarray, products: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the matrices (M, P, P) and the gradients (M, P) of the unknowns of M frames: the
