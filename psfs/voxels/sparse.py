@@ -32,7 +32,7 @@ class SparseSurface:
     For each brick of 8 x 8 x 16 voxels, the greatest evidence that each camera can add to a voxel
     in it or within two voxels of it is summed over the cameras. If the sum is below the threshold,
     the brick is left out. The bound is conservative: the occupied voxels, and the probability of
-    them and of their neighbours, are those of the dense mode to the last bit; elsewhere the
+    them and of their neighbours, are those of a whole grid to the last bit; elsewhere the
     probability counts as 0. Coarse bricks of 32 x 32 x 32 voxels are tested first; the list of
     bricks stays on the device.
 
