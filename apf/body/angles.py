@@ -9,13 +9,11 @@ Pelvis: Y X' Z'' relative to the world, so that tilt and obliquity do not depend
 direction (Baker 2001). Flexion, adduction, inversion and internal rotation are positive on both
 sides.
 
-Anatomical frames of a body's segments, as the International Society of Biomechanics defines
-them.
-
-Wu et al. 2002 and 2005: X forward, Y up (along a limb from its distal to its proximal end), Z to
-the right. A limb's Z is the axis about which its knee or elbow bends. Pelvis, trunk and other
-segments that are not limbs take their directions from the body standing upright with all angles at
-0. A segment is found by the joint at its proximal end, so any body with these joint names works.
+The anatomical frames of segments have X forward, Y up (along a limb from its distal to its proximal
+end) and Z to the right (Wu et al. 2002, 2005). A limb's Z is the axis about which its knee or elbow
+bends. Pelvis, trunk and other segments that are not limbs take their directions from the body
+standing upright with all angles at 0. A segment is found by the joint at its proximal end, so any
+body with these joint names works.
 """
 
 from __future__ import annotations
@@ -83,12 +81,11 @@ def segment_frames(body: BodyModel) -> dict[str, tuple[int, np.ndarray]]:
 def standing_axes(body: BodyModel) -> np.ndarray:
     """Return columns forward, up, right (3, 3) of the body with all its angles at 0."""
     joints = posed_joints(body, np.zeros((1, body.n_dof)))[0]
-    place = dict(zip(body.joint_names, joints, strict=True))
+    positions = dict(zip(body.joint_names, joints, strict=True))
     for left, right in (("l_hip", "r_hip"), ("l_shoulder", "r_shoulder")):
-        if {left, right, "pelvis", "neck"} <= set(place):
-            return _build_frame(
-                place["neck"] - place["pelvis"], place[right] - place[left], keep="right"
-            )
+        if {left, right, "pelvis", "neck"} <= set(positions):
+            up = positions["neck"] - positions["pelvis"]
+            return _build_frame(up, positions[right] - positions[left], keep="right")
     return np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])  # x forward, y left, z up
 
 

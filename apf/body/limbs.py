@@ -96,18 +96,22 @@ def limb_bones(body: BodyModel) -> np.ndarray:
     return bones
 
 
+def arm_cones(body: BodyModel) -> list[list[int]]:
+    """Return the cones of each arm, from the shoulder to the hand."""
+    arms = [name.endswith("arm") for name in limb_names(body)]
+    return [
+        [number for number, cone in enumerate(body.cones) if bones[cone.bone]]
+        for bones in limb_bones(body)[arms]
+    ]
+
+
 def find_hands(body: BodyModel) -> list[int]:
     """Return the cones at whose ends are the hands that hold what the person carries before the
     trunk, the last one of each arm; none without that, as what is on the back is worn."""
     load = body.cones[len(body.without_load.cones) :]
     if not load or np.mean([cone.start[0] for cone in load]) <= 0:
         return []
-    arms = [name.endswith("arm") for name in limb_names(body)]
-    parts = [
-        [number for number, cone in enumerate(body.cones) if bones[cone.bone]]
-        for bones in limb_bones(body)[arms]
-    ]
-    return [numbers[-1] for numbers in parts if numbers]
+    return [cones[-1] for cones in arm_cones(body) if cones]
 
 
 def limb_joints(body: BodyModel) -> np.ndarray:

@@ -1,7 +1,5 @@
-"""A long take on several workers: its start, its chunks, and the joining of their tracks.
-
-Cut a long take into overlapping chunks, and join the chunks' tracks.
-"""
+"""A long take on several workers: its start, the overlapping chunks into which it is cut, and the
+joining of their tracks."""
 
 from __future__ import annotations
 

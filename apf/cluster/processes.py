@@ -1,7 +1,5 @@
-"""Workers of this machine: a process each, which only this command can speak to, by a pipe.
-
-Run tasks on workers, and return the outcomes of jobs that consist of such tasks.
-"""
+"""Pools of workers, which run the tasks that jobs consist of, and the pool of this machine: a
+process for each worker, which only this command can speak to, by a pipe."""
 
 from __future__ import annotations
 

@@ -13,7 +13,7 @@ import numpy as np
 import scipy
 
 from apf.body.kinematics import bone_matrices, posed_cones
-from apf.body.limbs import limb_bones, limb_names
+from apf.body.limbs import arm_cones
 from apf.body.model import LOAD, BodyModel, Cone
 from apf.body.stature import stature
 from psfs.common.cones import cone_distances
@@ -41,7 +41,8 @@ def find_load(body: BodyModel, poses: np.ndarray, clouds: Sequence[VoxelCloud]) 
     cells = np.stack(np.meshgrid(side, side, side, indexing="ij"), -1)
     flat = cells.reshape(-1, 3)
     rotations, origins = bone_matrices(body, poses)
-    others = np.setdiff1d(np.arange(len(body.cones)), _find_arms(body))
+    arms = [cone for cones in arm_cones(body) for cone in cones]
+    others = np.setdiff1d(np.arange(len(body.cones)), arms)
     posed, lasting = posed_cones(body, poses)[:, others], np.zeros(len(flat))
     for rotation, origin, cones, cloud in zip(
         rotations[:, 0], origins[:, 0], posed, clouds, strict=True
@@ -80,7 +81,7 @@ def add_load(template: BodyModel, load: Sequence[Cone], height: float) -> BodyMo
         for cone in load
     ]  # fmt: skip
     added = range(len(template.cones), len(template.cones) + len(parts))
-    pairs = [(arm, part) for arm in _find_arms(template) for part in added]
+    pairs = [(arm, part) for cones in arm_cones(template) for arm in cones for part in added]
     return replace(template, cones=(*template.cones, *parts), apart=(*template.apart, *pairs))
 
 
@@ -92,10 +93,3 @@ def _fit_cone(name: str, cells: np.ndarray) -> Cone:
     half = max(_CELL / 2, (len(cells) * _CELL**3 / (np.pi * radius**2) - 4 / 3 * radius) / 2)
     up, (along, across) = half * np.eye(3)[2], (radii / radius).tolist()
     return Cone(name, 0, middle - up, middle + up, (radius, radius), np.eye(3)[0], (along, across))
-
-
-def _find_arms(body: BodyModel) -> list[int]:
-    """Return the cones of the arms, which hold things."""
-    arms = [name.endswith("arm") for name in limb_names(body)]
-    bones = np.any(limb_bones(body)[arms], axis=0)
-    return [number for number, cone in enumerate(body.cones) if bones[cone.bone]]

@@ -1,9 +1,6 @@
 """Estimate keypoints of a sequence by a pose network: one process per camera, OpenPose's JSON
-files.
-
-Keypoints of several people, by a network that finds one person in a picture, from where each
-stands.
-"""
+files. Where several people are, the network, which finds one person in a picture, gets the part of
+it in which each stands."""
 
 from __future__ import annotations
 

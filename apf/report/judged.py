@@ -1,13 +1,12 @@
 """The stages `judge_track` and `write`: a track judged, its summary and page written beside it.
 
-Motion that people do not make: long walks backward, falls faster than gravity's, steps that are
-too fast for the legs.
-
-The first comes from a start that faced the wrong way, the others from a frame rate that is stated
-too high. The ground pushes and does not pull, so the centre of mass accelerates downward by at most
-g; at twice the rate accelerations are four times as high. Legs swing as pendulums: at a speed v
-people take 0.87 Fr^0.2 sqrt(g / L) steps per second, Fr = v^2 / (g L), since a stride is 2.3 Fr^0.3
-legs long (Alexander 1989, "Optimization and gaits in the locomotion of vertebrates").
+A track is judged by motion, too, that people do not make: long walks backward, falls faster than
+gravity's, steps that are too fast for the legs. The first comes from a start that faced the wrong
+way, the others from a frame rate that is stated too high. The ground pushes and does not pull, so
+the centre of mass accelerates downward by at most g; at twice the rate accelerations are four times
+as high. Legs swing as pendulums: at a speed v people take 0.87 Fr^0.2 sqrt(g / L) steps per second,
+Fr = v^2 / (g L), since a stride is 2.3 Fr^0.3 legs long (Alexander 1989, "Optimization and gaits in
+the locomotion of vertebrates").
 """
 
 from __future__ import annotations
@@ -163,12 +162,12 @@ def _smooth_derivative(
     even = np.arange(times[0], times[-1] + step / 2, step)
     columns = [np.interp(even, times[known], axis) for axis in points[known].T]
     sigma = max(width / step, 0.8)
-    found = gaussian_filter1d(np.stack(columns, 1), sigma, axis=0, order=order, mode="nearest")
-    found /= step**order
+    derivative = gaussian_filter1d(np.stack(columns, 1), sigma, axis=0, order=order, mode="nearest")
+    derivative /= step**order
     if order > 1:
         rim = int(np.ceil(2 * sigma))
-        found[:rim], found[max(len(found) - rim, 0) :] = np.nan, np.nan
-    return np.stack([np.interp(times, even, axis) for axis in found.T], 1)
+        derivative[:rim], derivative[max(len(derivative) - rim, 0) :] = np.nan, np.nan
+    return np.stack([np.interp(times, even, axis) for axis in derivative.T], 1)
 
 
 def judge_track(

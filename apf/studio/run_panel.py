@@ -1,6 +1,5 @@
 """The panel that starts `apf track` on the take that is open, shows its progress, and ends it.
-
-All settings that `apf track --config` takes, as fields that are made from the settings' tree.
+Its fields for all settings that `apf track --config` takes are made from the settings' tree.
 """
 
 from __future__ import annotations
@@ -124,15 +123,15 @@ class SettingsPanel:
         )
         kinds, choices = field_kinds(field), field_choices(field)
         if kinds == (bool,):
-            shown: Any = self._gui.add_checkbox(path[-1], bool(value), hint=hint)
+            control: Any = self._gui.add_checkbox(path[-1], bool(value), hint=hint)
         elif choices:
             names = [str(choice) for choice in choices]
-            shown = self._gui.add_dropdown(path[-1], names, initial_value=str(value), hint=hint)
+            control = self._gui.add_dropdown(path[-1], names, initial_value=str(value), hint=hint)
         else:
             text = value if isinstance(value, str) else json.dumps(value, default=list)
-            shown = self._gui.add_text(path[-1], text, hint=hint)
-        shown.on_update(lambda event: self._change(path, shown.value))
-        return shown
+            control = self._gui.add_text(path[-1], text, hint=hint)
+        control.on_update(lambda event: self._change(path, control.value))
+        return control
 
     def _change(self, path: tuple[str, ...], value: Any) -> None:
         try:

@@ -1,7 +1,5 @@
-"""The fields that say what cameras are calibrated by, with their flags and detectors.
-
-What the cameras have seen of a calibration target so far, drawn and in words.
-"""
+"""The fields that say what cameras are calibrated by, with their flags and detectors, and what the
+cameras have seen of that target so far, drawn and in words."""
 
 from __future__ import annotations
 

@@ -40,10 +40,10 @@ def make_walks(config: SceneConfig) -> list[Walk]:
         turn = 2 * np.pi * (number // 2 / on_course) + config.seed
         radius = _OUTER if outer else _INNER
         course = Course(radius, _WOBBLE, turn, clockwise=not outer)
-        own = Walk.sample(int(rng.integers(2**31)), height)
+        walk = Walk.sample(int(rng.integers(2**31)), height)
         pace = 1.0 if outer else _INNER_PACE
         # All on one course walk at one speed, and so stay apart.
-        walks.append(replace(own, course=course, speed=1.15 * pace, stride=own.stride * pace))
+        walks.append(replace(walk, course=course, speed=1.15 * pace, stride=walk.stride * pace))
     return walks
 
 

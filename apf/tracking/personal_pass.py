@@ -54,9 +54,11 @@ def fit_personal_body(
 
     def complete(last: Sequence[Track]) -> list[Track]:
         lengths, completed = fit.length_deviations(measures, covariance), list[Track]()
-        shown = fitted[0].poses[tracked]
+        fitted_poses = fitted[0].poses[tracked]
         with ThreadPoolExecutor(1) as thread:
-            begun = thread.submit(fit_surface, body, outlined, shown, lengths) if outlined else None
+            begun = None
+            if outlined:
+                begun = thread.submit(fit_surface, body, outlined, fitted_poses, lengths)
             for track, (rows, visible) in zip(last, of_each, strict=True):
                 poses, stated = track.poses[rows], np.array(track.covariance)
                 stated[rows] = fit.joint_covariance(measures, covariance, visible, poses)

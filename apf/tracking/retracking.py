@@ -88,10 +88,10 @@ class Corrections:
     def check_places(self, grid: VoxelGrid) -> None:
         """Raise InputError if a joint is put farther than 1 m outside of the volume."""
         for point in self.point:
-            place = np.array(point.position)
-            if np.any(place < grid.origin - 1.0) or np.any(place > grid.high + 1.0):
+            position = np.array(point.position)
+            if np.any(position < grid.origin - 1.0) or np.any(position > grid.high + 1.0):
                 raise InputError(
-                    f"{point.joint} in frame {point.frame} is put to {place.round(2).tolist()}; "
+                    f"{point.joint} in frame {point.frame} is put to {position.round(2).tolist()}; "
                     f"expected a place in the volume that was tracked, {grid.origin.round(2)} to "
                     f"{grid.high.round(2)} m"
                 )
@@ -139,11 +139,11 @@ def observe_corrections(
     error of the correction in its pixels. Cameras that the point is behind are left out."""
     names = list(joints)
     numbers = [body.joint_names.index(name) for name in names]
-    places = np.array([joints[name].position for name in names], float).reshape(-1, 3)
+    positions = np.array([joints[name].position for name in names], float).reshape(-1, 3)
     errors = np.array([joints[name].error for name in names])
     sightings: list[tuple[int, int, np.ndarray, float]] = []
     for view, camera in enumerate(rig):
-        inside = places @ camera.R.T + camera.t
+        inside = positions @ camera.R.T + camera.t
         for point in np.flatnonzero(inside[:, 2] > errors):
             x, y, depth = inside[point]
             pixel = camera.K[:2, :2] @ (x / depth, y / depth) + camera.K[:2, 2]
@@ -165,9 +165,9 @@ def correct_pose(body: BodyModel, pose: np.ndarray, joints: dict[str, Correction
     """Return a pose (D,) with the joints, by name, put to their places by moving their limbs alone;
     the whole body if one of the joints is on no limb."""
     numbers = [body.joint_names.index(name) for name in joints]
-    places = np.zeros((1, len(body.joints), 3))
+    targets = np.zeros((1, len(body.joints), 3))
     for number, point in zip(numbers, joints.values(), strict=True):
-        places[0, number] = point.position
+        targets[0, number] = point.position
     wanted = np.isin(np.arange(len(body.joints)), numbers)
     limbs = limb_bones(body)
     moved = [body.joints[number].bone for number in numbers]
@@ -178,7 +178,7 @@ def correct_pose(body: BodyModel, pose: np.ndarray, joints: dict[str, Correction
     for bone, chosen in zip(body.bones, bones, strict=True):
         for axis in bone.axes:
             free[axis.dof] |= bool(chosen)
-    poses: np.ndarray = solve_inverse_kinematics(body, pose[None], free, wanted, places, near=1e-3)
+    poses: np.ndarray = solve_inverse_kinematics(body, pose[None], free, wanted, targets, near=1e-3)
     return poses[0]
 
 

@@ -1,11 +1,8 @@
 """Calibrate cameras from sightings of a board or wand.
 
-Find a start, adjust the bundle, reject false detections, and set aside cameras that disagree.
-
-Find the cameras that disagree with the others, and why.
-
-Every comparison is a test of two variances (F test), of which sightings, not their points, are
-independent, with one rate of false alarms.
+Find a start, adjust the bundle, reject false detections, and set aside cameras that disagree with
+the others, saying why. Every comparison is a test of two variances (F test), of which sightings,
+not their points, are independent, with one rate of false alarms.
 """
 
 from __future__ import annotations

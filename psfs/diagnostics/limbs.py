@@ -6,8 +6,6 @@ A point of it in one camera is tried at all depths: where it is right, the other
 the same width. Each camera measures the point's distance across its axis; along the axis only
 the first camera tells the place. The points are eliminated from the normal equations.
 
-Medial axes of the limbs in one camera's silhouettes.
-
 Where two stretches of a contour face each other, their middles are the limb's medial axis. It is
 the projection of the axis of a limb, whose cross-sections are nearly symmetric, and does not move
 if the silhouette is too wide or too narrow.

@@ -17,8 +17,9 @@ from cl import InputError
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.common.numbers import mean_known
 from psfs.common.pictures import read_picture
-from psfs.common.regions import bounding_box, fill_holes, iou
+from psfs.common.regions import bounding_box, iou
 from psfs.diagnostics.reprojection_iou import volume_region
+from psfs.mesh.marching_cubes import fill_cloud
 from psfs.output.preview import crop_view, label_picture, tile_pictures
 from psfs.sequence import Frame, Sequence
 from psfs.session import Session
@@ -111,26 +112,11 @@ def _volume_iou(
     those that all cameras see; NaN if there is nothing to compare."""
     if not seen:
         return float("nan")
-    filled = fill_surface(cloud)
+    filled = fill_cloud(cloud, cloud.grid)
     either = np.flatnonzero(filled | in_hull)
     centres = cloud.grid.centres(either)
     visible = either[np.all([camera.look_up(centres)[0] for camera, _ in seen], axis=0)]
     return iou(filled.ravel()[visible], in_hull.ravel()[visible]) if len(visible) else float("nan")
-
-
-def fill_surface(cloud: VoxelCloud) -> np.ndarray:
-    """Return the voxels (nx, ny, nz) bool of the cloud's surface and those that it encloses."""
-    shape = cloud.grid.shape
-    filled = np.zeros(shape, bool)
-    if not len(cloud):
-        return filled
-    voxels = np.stack(np.unravel_index(cloud.indices, shape))
-    box = tuple(
-        slice(low, high + 1) for low, high in zip(voxels.min(1), voxels.max(1), strict=True)
-    )
-    filled.ravel()[cloud.indices] = True
-    filled[box] = fill_holes(filled[box])
-    return filled
 
 
 #: Folder of a sequence with true silhouettes, <camera>_<frame:06d>.png. For scoring only.

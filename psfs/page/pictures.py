@@ -1,7 +1,5 @@
-"""Pictures of the frame that is shown, decoded by a thread that serves the latest request only.
-
-The 3-D view as one of the footage's cameras has it, with its picture behind the scene.
-"""
+"""Pictures of the frame that is shown, decoded by a thread that serves the latest request only, and
+the 3-D view as one of the footage's cameras has it, with its picture behind the scene."""
 
 from __future__ import annotations
 

@@ -1,7 +1,5 @@
-"""The stage `people`: how many people a take shows, who is who, and where each is.
-
-Decide which trajectories belong to one person, and which are people at all.
-"""
+"""The stage `people`: how many people a take shows, who is who, and where each is: which
+trajectories belong to one person, and which are people at all."""
 
 from __future__ import annotations
 

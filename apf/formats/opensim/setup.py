@@ -1,11 +1,9 @@
 """Set-up files for OpenSim: markers of our body, and how the generic model is scaled and moved.
+OpenSim itself does this in a process of its own, since it writes a log where it runs.
 
 The joints of both are the same points. What joints do not show, how pelvis, chest and head are
 turned, is shown by markers that are fixed to them: their places in the model are those that they
 have in our body while both stand upright.
-
-Scaling and inverse kinematics by OpenSim, in a process of its own: it writes a log where it
-runs.
 """
 
 from __future__ import annotations

@@ -1,4 +1,5 @@
-// The location prior of the silhouettes by a tracked body (psfs/voxels/body_prior.py); twin: body_location in psfs/reference/reconstructor.py. Cells are CELL x CELL pixels.
+// The location prior of the silhouettes by a tracked body (psfs/voxels/body_prior.py); twin:
+// body_location in psfs/reference/reconstructor.py. Cells are CELL x CELL pixels.
 // A work-item has PACK neighbouring cells of a row; the last of a row begin earlier where its width is
 // not a multiple. Defines: CELL, PACK.
 #if !defined(CELL)

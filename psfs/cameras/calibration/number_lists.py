@@ -14,12 +14,11 @@ A file per camera or per image (`.txt`, `.pa`, `.krt`, `.krtd`, `.cam`): K (9), 
 optionally the distortion; or K (9) and [R | t] (3x4 or 4x4); or a projection matrix (3x4). Leading
 words (`CONTOUR`) and comments after `#` are ignored.
 
-Read Tsai's camera model (Tsai 1987; Rymut 2016, 2.2), one text file per camera.
-
-Two layouts, as Willson's programs write them: 17 numbers in the order of `_TSAI`, separated by any
-white space, optionally followed by the tangential p1 p2, which must be 0; or lines `name value` or
-`name = value [unit]` in any order and case, where `dpx` and `dpy` may replace the first six. Angles
-are radians unless their line says `[deg]`.
+Tsai's camera model (Tsai 1987; Rymut 2016, 2.2), a text file per camera in two layouts, as
+Willson's programs write them: 17 numbers in the order of `_TSAI`, separated by any white space,
+optionally followed by the tangential p1 p2, which must be 0; or lines `name value` or `name = value
+[unit]` in any order and case, where `dpx` and `dpy` may replace the first six. Angles are radians
+unless their line says `[deg]`.
 
 With R = Rz(rz) Ry(ry) Rx(rx) and p = R x + t (eq. 2.22), a point is seen at the distorted sensor
 coordinates d, mm, with f p_xy / p_z = d (1 + kappa1 |d|^2) (eq. 2.23-2.24). d is the root of a

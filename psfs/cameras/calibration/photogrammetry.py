@@ -1,19 +1,17 @@
-"""Read the models of photogrammetry.
+"""Read the cameras of photogrammetry and of renderers.
 
-COLMAP's is text or, without that, binary.
+COLMAP's model is text or, without that, binary. `cameras.txt` has lines CAMERA_ID MODEL WIDTH
+HEIGHT PARAMS...; `images.txt` has lines IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME (world to
+camera), each followed by a line of points. The binary files are read into the words of these.
+COLMAP puts pixel centres at 0.5, so half a pixel is subtracted from the principal point. Every
+image is a camera of its own, named after its file, or after its folder if each folder holds one
+image.
 
-`cameras.txt` has lines CAMERA_ID MODEL WIDTH HEIGHT PARAMS...; `images.txt` has lines IMAGE_ID QW
-QX QY QZ TX TY TZ CAMERA_ID NAME (world to camera), each followed by a line of points. The binary
-files are read into the words of these. COLMAP puts pixel centres at 0.5, so half a pixel is
-subtracted from the principal point. Every image is a camera of its own, named after its file, or
-after its folder if each folder holds one image.
-
-Read the `transforms.json` of Blender and NeRF.
-
-`transform_matrix` (4x4) takes camera to world coordinates; the camera's axes are OpenGL's (x right,
-y up, looking along -z). The lens is `camera_angle_x`, rad, or `fl_x`, `fl_y`, `cx`, `cy`, `w`, `h`,
-`k1` ..., given for the file or for a frame. `camera_model` and instant-ngp's flags say which
-lens it is: a pinhole lens, with OpenCV's distortion or none, or OpenCV's fisheye lens.
+In the `transforms.json` of Blender and NeRF `transform_matrix` (4x4) takes camera to world
+coordinates; the camera's axes are OpenGL's (x right, y up, looking along -z). The lens is
+`camera_angle_x`, rad, or `fl_x`, `fl_y`, `cx`, `cy`, `w`, `h`, `k1` ..., given for the file or for
+a frame. `camera_model` and instant-ngp's flags say which lens it is: a pinhole lens, with OpenCV's
+distortion or none, or OpenCV's fisheye lens.
 """
 
 from __future__ import annotations

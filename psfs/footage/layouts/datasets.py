@@ -1,6 +1,7 @@
-"""Folders of published recordings: PARSEC's bodytrack, Utrecht's course, Middlebury's sets.
+"""Folders of published recordings: PARSEC's bodytrack, Utrecht's course, Middlebury's sets,
+HumanEva.
 
-A subject's folder of HumanEva (Sigal, Balan, Black 2010); `take` chooses the take.
+HumanEva's (Sigal, Balan, Black 2010) is that of a subject; `take` chooses the take.
 
 Image_Data/<take>_(<camera>).avi   Calibration_Data/<camera>.cal
     Sync_Data/<take>_(<camera>).ofs    Mocap_Data/<take>.c3d
