@@ -1,4 +1,4 @@
-"""Estimate the person's body size and first pose from the stored voxels of the first frames."""
+"""Estimate the person's body size and poses from the stored voxels of the first frames."""
 
 from __future__ import annotations
 
@@ -21,6 +21,7 @@ from apf.initialisation.start import RIVAL, Start, StartConfig, StartError, chec
 from apf.likelihood.observations import AnyVoxels
 from apf.scene import Scene
 from psfs.common.progress import map_in_threads, one_blas_thread
+from psfs.voxels.grid import VoxelCloud
 
 #: Share of the height beyond the hips up to which voxels are used for a body without head or feet:
 #: the belly ends there.
@@ -60,6 +61,7 @@ def find_start(
     voxels: Sequence[AnyVoxels],
     noise: float,
     *,
+    frames: Sequence[int] | None = None,
     height: float | None = None,
     keep_shape: bool = False,
     seed: int = 0,
@@ -70,11 +72,11 @@ def find_start(
     first frames.
 
     In the first, the last and some middle frames, search over all headings. From the frame with the
-    best fit, follow the best headings to both ends, and fit the body's shape to all frames. Do this
-    once more from the frame that now fits best, with that shape.
+    best fit, follow the best headings to both ends, and fit the body's shape to all frames.
 
-    noise: of a tracker from one of `voxels` to the next, see `SearchConfig`. height: known stature,
-    m. keep_shape: the template is the person's own body. progress: called every now and then.
+    noise: of a tracker from one of `voxels` to the next, see `SearchConfig`. frames: the numbers of
+    the frames, by default from 0 on. height: known stature, m. keep_shape: the template is the
+    person's own body. progress: called every now and then.
 
     A body without head or feet is fitted to the part of the voxels that it models. Frames after the
     person has left are ignored. Raises StartError if the first frame shows nobody or the body has
@@ -87,29 +89,72 @@ def find_start(
     search.config = config.filter.with_changes(noise=noise, seed=seed)
     search.progress = progress or (lambda: None)
     anchor, likely = search.try_headings(config)
-    fits = sorted(search.follow(likely, anchor), key=lambda fit: fit.cost)
-    (best,) = search.follow(fits[:1], fits[0].best)
-    rivals = select_distinct(scene.body, fits, np.pi / config.n_headings)[1:]
-    best = min(best, fits[0], key=lambda fit: fit.cost)
+    fits = search.follow(likely, anchor)
+    best, *rivals = select_distinct(scene.body, fits, np.pi / config.n_headings)
     if best.misfit > _HOPELESS:
         raise StartError(
             "no standing or walking person was found in the first frames (misfit "
             f"{best.misfit:.2f}; expected less than {_HOPELESS})"
         )
-    seen = float(np.median([np.ptp(cloud.heights) for cloud in clouds]))
+    seen = _seen_height(clouds)
+    numbers = (range(len(clouds)) if frames is None else frames)[: len(clouds)]
 
-    def make_start(fit: Hypothesis, rival: float, rivals: Sequence[Start] = ()) -> Start:
-        girth = float(np.exp(fit.shape[:2].sum())) * stature(scene.body) / seen
-        body = search.model.body(fit.shape)
-        return Start(body, fit.poses[0], rival, seen, girth, tuple(rivals))
+    def make_start(fit: Hypothesis, rival: float, others: Sequence[Start] = ()) -> Start:
+        return Start(
+            scene.body, fit.shape, fit.poses, numbers, fit.best, rival, seen, tuple(others)
+        )
 
-    factors = [each.cost / fits[0].cost for each in rivals]
+    factors = [each.cost / best.cost for each in rivals]
     others = [
         make_start(each, factor)
         for each, factor in zip(rivals, factors, strict=True)
         if factor <= RIVAL
     ]
     return make_start(best, min(factors, default=np.inf), others)
+
+
+def refit_start(
+    template: BodyModel,
+    start: Start,
+    poses: np.ndarray,
+    frames: Sequence[int],
+    voxels: Sequence[VoxelCloud],
+    errors: np.ndarray,
+    height: float | None = None,
+) -> Start:
+    """Return a start whose body is fitted to the surface voxels of M frames all over the take.
+
+    template: that of the start, perhaps with a load, see `add_load`. poses: (M, D) of the start's
+    body in the frames with these numbers, and their errors (M,). height: known stature, m.
+    """
+    model = ShapeModel(template)
+    shape = np.zeros(len(model.deviation))
+    shape[: len(start.shape)] = start.shape
+    points = [select_person_points(cloud.grid, cloud.indices) for cloud in voxels]
+    shown = [row for row, each in enumerate(points) if len(each) >= LEAST_VOXELS]
+    if not shown:
+        return replace(start, rivals=())
+    clouds = [Cloud(points[row], _modelled_part(template)) for row in shown]
+    fitted = fit_body(
+        model, SurfaceEvidence(clouds), Fitted(shape, poses[shown]),
+        free=np.ones(len(shape), bool), height=height, steps=_FIT_STEPS,
+    )  # fmt: skip
+    numbers, best = [frames[row] for row in shown], int(np.argmin(errors[shown]))
+    return Start(
+        template, fitted.shape, fitted.poses, numbers, best, start.rival, _seen_height(clouds)
+    )
+
+
+def _seen_height(clouds: Sequence[Cloud]) -> float:
+    return float(np.median([np.ptp(cloud.heights) for cloud in clouds]))
+
+
+def _modelled_part(body: BodyModel) -> tuple[float, float]:
+    """Return the range of heights, as shares of a person's, that the body models."""
+    return (
+        -np.inf if has_feet(body) else HIP_SHARE - _PART_MARGIN,
+        np.inf if has_head(body) else HIP_SHARE + _PART_MARGIN,
+    )
 
 
 def _select_observations(
@@ -126,10 +171,7 @@ def _select_observations(
             f"{voxels[0].grid.voxel_size:g} m; expected at least {LEAST_VOXELS} of a person{later}"
         )
     voxels = voxels[: [*shown, False].index(False)]
-    part = (
-        -np.inf if has_feet(scene.body) else HIP_SHARE - _PART_MARGIN,
-        np.inf if has_head(scene.body) else HIP_SHARE + _PART_MARGIN,
-    )
+    part = _modelled_part(scene.body)
     clouds = [Cloud(points, part) for points in people[: len(voxels)]]
     if is_whole(scene.body):
         return voxels, clouds
@@ -186,8 +228,7 @@ class _Search:
         """Return the hypothesis with one pose, in `frame`, after a search for one limb after the
         other, from where it is and from rest."""
         body, wide = self.model.body(found.shape), self.config.with_changes(noise=1.0)
-        pose = found.poses[frame if len(found.poses) > 1 else 0]
-        loose = loosen(body, 0.0)
+        (pose,), loose = found.poses, loosen(body, 0.0)
         best: Hypothesis | None = None
         for limb in limb_masks(body):
             tracker = self._trackers(replace(body, sigma=np.where(limb, loose.sigma, 0.0)), wide)
@@ -232,7 +273,7 @@ class _Search:
 
     def _track_both_ways(self, found: Hypothesis, anchor: int) -> list[Estimate]:
         """Return the estimates of all frames."""
-        pose = found.poses[anchor if len(found.poses) > 1 else 0]
+        (pose,) = found.poses
         tracker = self._trackers(self.model.body(found.shape), self.config)
         estimates: dict[int, Estimate] = {}
         for order in (range(anchor, len(self._voxels)), range(anchor, -1, -1)):
@@ -289,13 +330,13 @@ def loosen(body: BodyModel, heading: float) -> BodyModel:
 def select_distinct(
     template: BodyModel, hypotheses: Sequence[Hypothesis], separation: float
 ) -> list[Hypothesis]:
-    """Return the hypotheses, best first, whose headings in their first frame differ by about
-    `separation`, rad, or more from those of better ones."""
+    """Return the hypotheses, best first, whose headings differ by about `separation`, rad, or more
+    from those of better ones in the frames that these fit best."""
     kept: list[Hypothesis] = []
     for hypothesis in sorted(hypotheses, key=lambda h: h.cost):
-        ahead = forward(template, hypothesis.poses[0])
-        others = [ahead @ forward(template, other.poses[0]) for other in kept]
-        if all(cosine < np.cos(separation) for cosine in others):
+        pairs = [(hypothesis.poses[other.best], other.poses[other.best]) for other in kept]
+        headings = [[forward(template, pose) for pose in pair] for pair in pairs]
+        if all(one @ other < np.cos(separation) for one, other in headings):
             kept.append(hypothesis)
     return kept
 

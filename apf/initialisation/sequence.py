@@ -1,4 +1,4 @@
-"""The stage `initialise`: estimate body and first pose from the first of a session's frames."""
+"""The stage `initialise`: estimate body and poses from the first of a session's frames."""
 
 from __future__ import annotations
 
@@ -41,7 +41,8 @@ def initialise(
     return find_start(
         Scene(device, sequence.rig, grid, template),
         [store_voxels(device, carve(frame)) for frame in wanted], noise,
-        height=height, keep_shape=keep_shape, seed=seed, progress=progress, config=config,
+        frames=frames, height=height, keep_shape=keep_shape, seed=seed,
+        progress=progress, config=config,
     )  # fmt: skip
 
 

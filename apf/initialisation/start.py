@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 from typing import ClassVar
 
 import numpy as np
@@ -12,7 +13,7 @@ from pydantic import Field
 from apf.body.model import BodyModel
 from apf.body.stature import stature
 from apf.filters.config import FilterConfig
-from apf.initialisation.shape_model import SPREAD
+from apf.initialisation.shape_model import SPREAD, ShapeModel
 from cl import InputError
 from psfs.common.config import Config, natural, positive
 
@@ -59,20 +60,43 @@ class StartError(InputError):
 
 @dataclass(frozen=True, eq=False)
 class Start:
-    """A body and its pose in the first frame.
+    """A body and its poses in some frames.
 
-    body: the template in the person's size. pose: (D,). rival: cost of the best start with another
-    heading, divided by that of this one; infinite if there is none. seen: m, height of the visible
-    part of the person. girth: thickness of the body relative to that height; that of the upright
-    template is 1. rivals: the starts with other headings that cost up to `RIVAL` times as much.
+    template, shape: the body before and the logs of the scales (S,) that fit it to the person, see
+    `ShapeModel`. poses: (M, D) in the frames with the numbers `frames`. best: which of them fits
+    best. rival: cost of the best start with another heading, divided by that of this one; infinite
+    if there is none. seen: m, height of the visible part of the person. rivals: the starts with
+    other headings that cost up to `RIVAL` times as much.
     """
 
-    body: BodyModel
-    pose: np.ndarray
+    template: BodyModel
+    shape: np.ndarray
+    poses: np.ndarray
+    frames: Sequence[int]
+    best: int
     rival: float
     seen: float
-    girth: float
     rivals: tuple[Start, ...] = ()
+
+    @cached_property
+    def body(self) -> BodyModel:
+        """The template in the person's size."""
+        return ShapeModel(self.template).body(self.shape)
+
+    @property
+    def girth(self) -> float:
+        """Thickness of the body relative to the height that is seen; of the upright template 1."""
+        return float(np.exp(self.shape[:2].sum())) * stature(self.template) / self.seen
+
+    @property
+    def pose(self) -> np.ndarray:
+        """The pose (D,) that fits best."""
+        return self.poses[self.best]
+
+    @property
+    def frame(self) -> int:
+        """The number of its frame."""
+        return self.frames[self.best]
 
     @property
     def is_ambiguous(self) -> bool:

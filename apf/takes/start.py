@@ -109,7 +109,7 @@ def find_first_pose(
             progress=progress,
         )  # fmt: skip
     warn_of_doubts(session.sequence, found, warn, number)
-    return found.body, found.pose
+    return found.body, found.poses[0]
 
 
 @contextmanager

@@ -8,8 +8,9 @@ from collections.abc import Sequence as Items
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import islice, zip_longest
 from pathlib import Path
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -18,7 +19,7 @@ from apf.body.limbs import limb_ends
 from apf.body.model import BodyModel
 from apf.filters.method import Method
 from apf.filters.term_weights import list_comparing_weights
-from apf.initialisation.automatic import fit_cost
+from apf.initialisation.automatic import fit_cost, refit_start
 from apf.initialisation.from_keypoints import KeypointStart, start_from_keypoints
 from apf.initialisation.kept_voxels import LEAST_VOXELS, select_person_points
 from apf.initialisation.load import add_load, find_load
@@ -50,8 +51,9 @@ Keep: TypeAlias = Callable[[BodyModel, np.ndarray, Items[Track]], "Items[Path] |
 _TRIES, _STARTS = 3, 2
 #: Least rate, frames/s, at which every second frame is enough for that.
 _COMPARED_RATE = 20.0
-#: Frames of the take in which what the person carries is sought.
-_LOAD_FRAMES = 20
+#: Frames of the take to which the body of a start is fitted, times at most, and the ratio of costs
+#: below which it fits better.
+_FITTED_FRAMES, _REFITS, _BETTER = 20, 3, 0.97
 #: Share by which the qualities of frames differ that are alike: one person's voxels differ so.
 _ALIKE = 0.1
 #: Largest distance, m, of a given first pose from the volume.
@@ -81,13 +83,13 @@ class Take:
 class StartedTake:
     """A take whose body and first pose are known. start: the automatic start, None if they were
     given. personal: whether the body is fitted to the outlines of all frames. others: the starts in
-    other frames, with their numbers. settings: those of the take."""
+    other frames. settings: those of the take."""
 
     session: Session
     task: TrackingTask
     start: Start | None = None
     personal: bool = False
-    others: tuple[tuple[int, Start], ...] = ()
+    others: tuple[Start, ...] = ()
     settings: TakeSettings | None = None
 
 
@@ -129,7 +131,7 @@ def start_take(
     method, body_and_pose = settings.tracked_method, settings.given
     start: Start | None = None
     frame: int | None = None
-    others: list[tuple[int, Start]] = []
+    others: list[Start] = []
     keypoint_fit: KeypointStart | None = None
     if body_and_pose is None:
         check_startable(settings.body_template)  # before anything that takes time
@@ -148,8 +150,8 @@ def start_take(
     personal = body_and_pose is None and method.goes_back and not settings.keep_shape
     if body_and_pose is None:
         report("start")
-        (frame, start), *others = _find_starts(session, settings, personal, lambda: report("start"))
-        body_and_pose = start.body, start.pose
+        start, *others = _find_starts(session, settings, personal, lambda: report("start"))
+        body_and_pose, frame = (start.body, start.pose), start.frame
     body, pose = body_and_pose
     if method.uses_voxels and start is None:
         check_first_pose(automatic_grid(session), body, pose, session.sequence.name)
@@ -226,69 +228,97 @@ def choose_starts(
     started: Items[StartedTake], progress: Callable[[str], object] | None = None
 ) -> list[StartedTake]:
     """Return the starts, or in place of one that of its rivals, with another heading or in another
-    frame, whose body fits best to the whole take: all are tracked in one direction, together, in
-    every second frame unless these are few a second. The `rival` of a start is then that of the
-    take. Who carries something has it as a part of the body, with which the start is sought again.
-    Raises UserError and KeyboardInterrupt."""
-    chosen, candidates = list(started), dict[int, list[StartedTake]]()
-    runs = list[TrackingRun]()
+    frame, whose body fits best to the whole take: all are tracked through it, see `_try_starts`.
+    The `rival` of a start is then that of the take. Its body, of which what the person carries
+    becomes a part, is fitted to frames all over the take, and tracked again, for as long as it fits
+    better. Raises UserError and KeyboardInterrupt."""
+    chosen, rivals = list(started), dict[int, list[StartedTake]]()
     for number, take in enumerate(started):
-        if take.start is None or not take.personal:
-            continue
-        task, candidates[number], frames = take.task, [], take.session.frames
-        step = 2 if take.session.rate >= _COMPARED_RATE else 1
-        coarse = take.session.with_frames(frames[-frames.start % step :: step] or frames)
-        here = [(task.frame, start) for start in (take.start, *take.start.rivals)]
-        for frame, start in (*here, *take.others):
-            rival = replace(task, body=start.body, pose=start.pose, frame=frame)
-            candidates[number].append(replace(take, task=rival, start=start, others=()))
-            method, seeds = task.method.replace(both_ways=False), task.seeds[:1]
-            runs.append(TrackingRun(coarse, replace(rival, method=method, seeds=seeds)))
-    tracked = iter(track_people(runs, progress) if runs else ())
-    for number, rivals in candidates.items():
-        costs, tracks = list[float](), list[Track]()
-        for _ in rivals:
-            result = next(tracked, None)
-            if result is not None and result.error is not None:
-                raise result.error
-            if result is None or result.tracks[0].interrupted:
-                raise KeyboardInterrupt
-            diagnostics = result.tracks[0].diagnostics
-            misfit = float(np.mean(diagnostics["misfit"]))
-            costs.append(fit_cost(-diagnostics["best_log_weight"], misfit))
-            tracks.append(result.tracks[0])
-        least = int(np.argmin(costs))
-        joints = np.stack([track.joints for track in tracks])
-        apart = np.linalg.norm(joints - joints[least], axis=-1).mean((1, 2)) > SAME_PLACE
-        ratio = float(np.min(np.array(costs)[apart], initial=np.inf)) / costs[least]
-        best = rivals[least]
-        assert best.start is not None
-        best = replace(best, start=replace(best.start, rival=ratio, rivals=()))
-        chosen[number] = _start_with_load(best, tracks[least], progress)
+        if take.start is not None and take.personal:
+            starts = (take.start, *take.start.rivals, *take.others)
+            rivals[number] = [_begin_with(take, start) for start in starts]
+    tries = iter(_try_starts([each for takes in rivals.values() for each in takes], progress))
+    best = {number: _choose(list(islice(tries, len(each)))) for number, each in rivals.items()}
+    better = best
+    for _ in range(_REFITS):
+        again = {number: _refit(each, progress) for number, each in better.items()}
+        refitted = dict(zip(again, _try_starts(list(again.values()), progress), strict=True))
+        better = {k: each for k, each in refitted.items() if each.cost < _BETTER * best[k].cost}
+        best |= better
+    for number, each in best.items():
+        chosen[number] = each.take
     return chosen
 
 
-def _start_with_load(
-    started: StartedTake, track: Track, progress: Callable[[str], object] | None
-) -> StartedTake:
-    """Return a start that was sought again with what the person carries as a part of the body; the
-    same start if they carry nothing. track: of the start's body through the take."""
-    start, task, session, settings = started.start, started.task, started.session, started.settings
-    assert start is not None and task.frame is not None and settings is not None
+class _Try(NamedTuple):
+    """A start, its track through the take, and the cost of that, by which starts are compared."""
+
+    take: StartedTake
+    track: Track
+    cost: float
+
+
+def _begin_with(take: StartedTake, start: Start) -> StartedTake:
+    task = replace(take.task, body=start.body, pose=start.pose, frame=start.frame)
+    return replace(take, task=task, start=start, others=())
+
+
+def _try_starts(takes: Items[StartedTake], progress: Callable[[str], object] | None) -> list[_Try]:
+    """Track the bodies of some starts through the take in one direction, together, in every second
+    frame unless these are few a second."""
+    sessions, runs = dict[int, Session](), list[TrackingRun]()
+    for take in takes:
+        session, frames, task = take.session, take.session.frames, take.task
+        if id(session) not in sessions:  # several starts of one person are tracked together
+            step = 2 if session.rate >= _COMPARED_RATE else 1
+            few = frames[-frames.start % step :: step] or frames
+            sessions[id(session)] = session.with_frames(few)
+        method, seeds = task.method.replace(both_ways=False), task.seeds[:1]
+        run = TrackingRun(sessions[id(session)], replace(task, method=method, seeds=seeds))
+        runs.append(run)
+    tracked, tries = track_people(runs, progress) if runs else [], list[_Try]()
+    for take, result in zip_longest(takes, tracked):
+        if result is not None and result.error is not None:
+            raise result.error
+        if result is None or result.tracks[0].interrupted:
+            raise KeyboardInterrupt
+        diagnostics = result.tracks[0].diagnostics
+        misfit = float(np.mean(diagnostics["misfit"]))
+        cost = fit_cost(-diagnostics["best_log_weight"], misfit)
+        tries.append(_Try(take, result.tracks[0], cost))
+    return tries
+
+
+def _choose(tries: Items[_Try]) -> _Try:
+    """Return the try that costs least; its start's rival is the best one with another track."""
+    best = min(tries, key=lambda each: each.cost)
+    joints = np.stack([each.track.joints for each in tries])
+    apart = np.linalg.norm(joints - best.track.joints, axis=-1).mean((1, 2)) > SAME_PLACE
+    others = [each.cost for each, other in zip(tries, apart, strict=True) if other]
+    assert best.take.start is not None
+    start = replace(best.take.start, rival=min(others, default=np.inf) / best.cost, rivals=())
+    return best._replace(take=replace(best.take, start=start))
+
+
+def _refit(tried: _Try, progress: Callable[[str], object] | None) -> StartedTake:
+    """Return a start whose body is fitted to frames all over the take, from its track on, and has
+    what the person carries as a part."""
+    take, track = tried.take, tried.track
+    start, settings = take.start, take.settings
+    assert start is not None and settings is not None
     rows = np.flatnonzero(~track.lost)
-    rows = rows[pick_evenly(len(rows), _LOAD_FRAMES)]
-    clouds = list(session.iterate_clouds(automatic_grid(session), track.frames[rows].tolist()))
-    load = find_load(start.body, track.poses[rows], clouds)
-    if not load:
-        return started
-    template = add_load(settings.body_template, load, start.height)
-    report = (lambda: None) if progress is None else partial(progress, "start")
-    try:
-        again = _start_in(session, template, settings, task.frame, report)
-    except StartError:
-        return started
-    again = replace(again, rival=start.rival)
-    return replace(started, start=again, task=replace(task, body=again.body, pose=again.pose))
+    rows = rows[pick_evenly(len(rows), _FITTED_FRAMES)]
+    frames, poses = track.frames[rows].tolist(), track.poses[rows]
+    clouds = list(take.session.iterate_clouds(automatic_grid(take.session), frames))
+    if progress is not None:
+        progress("start")
+    template = start.template
+    if template is template.without_load and (load := find_load(start.body, poses, clouds)):
+        template = add_load(template, load, start.height)
+    errors = -track.diagnostics["best_log_weight"][rows, -1]
+    return _begin_with(
+        take, refit_start(template, start, poses, frames, clouds, errors, settings.height)
+    )
 
 
 def track_once(
@@ -382,11 +412,11 @@ def compare_passes(first: Track, second: Track) -> Track:
 
 def _find_starts(
     session: Session, settings: TakeSettings, compared: bool, progress: Callable[[], object]
-) -> list[tuple[int, Start]]:
-    """Return starts and their frames, the likeliest frames with one: `_STARTS` of them if they are
-    `compared` afterwards, else up to the first whose heading is not ambiguous. The least ambiguous
-    one comes first."""
-    starts: list[tuple[int, Start]] = []
+) -> list[Start]:
+    """Return starts, sought from the likeliest frames on: `_STARTS` of them if they are `compared`
+    afterwards, else up to the first whose heading is not ambiguous. The least ambiguous one comes
+    first."""
+    starts: list[Start] = []
     failed: StartError | None = None
     for frame in rank_starts(session, progress):
         try:
@@ -394,12 +424,12 @@ def _find_starts(
         except StartError as error:
             failed = failed or error
             continue
-        starts.append((frame, start))
+        starts.append(start)
         if len(starts) == _STARTS if compared else not start.is_ambiguous:
             break
     if not starts:
         raise failed or StartError("no start was tried; expected frames with a person")
-    return sorted(starts, key=lambda each: -each[1].rival)
+    return sorted(starts, key=lambda start: -start.rival)
 
 
 def _start_in(

@@ -19,6 +19,7 @@ from apf.initialisation.automatic import (
     Trackers,
     find_start,
     forward,
+    refit_start,
     select_distinct,
     standing_pose,
     walking_factor,
@@ -43,6 +44,13 @@ def surface(body: BodyModel, pose: np.ndarray, spacing: float = 0.02) -> np.ndar
     depth = cone_distances(points, cones)
     depth[np.arange(len(cone)), cone] = np.inf
     return points[depth.min(1) > 0]
+
+
+def cloud_of(grid: VoxelGrid, points: np.ndarray) -> VoxelCloud:
+    """The voxels of a grid that hold points (N, 3)."""
+    ijk = np.floor((points - grid.origin) / grid.voxel_size).astype(int)
+    indices = np.unique(np.ravel_multi_index(tuple(ijk.T), grid.shape)).astype(np.int32)
+    return VoxelCloud(grid, indices, np.ones(len(indices), np.float32), None, 0.0)
 
 
 def walking(body: BodyModel, n: int, seed: int = 3) -> np.ndarray:
@@ -138,11 +146,11 @@ def test_hypotheses_that_go_on_look_in_different_directions() -> None:
     np.testing.assert_allclose(forward(SONG, looking(90, 0).poses[0]), [0, 1], atol=1e-12)
 
 
-def test_the_best_heading_is_followed_from_the_frame_that_it_fits_best(
+def test_a_start_is_in_the_frame_that_it_fits_best(
     device: Device, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    shape, pose = np.zeros(len(ShapeModel(SONG).deviation)), SONG.rest_pose[None]
-    fits = [Hypothesis(shape, pose, 0.1, cost, best) for cost, best in ((1.0, 3), (2.0, 5))]
+    shape, poses = np.zeros(len(ShapeModel(SONG).deviation)), np.tile(SONG.rest_pose, (8, 1))
+    fits = [Hypothesis(shape, poses, 0.1, cost, best) for cost, best in ((1.0, 3), (2.0, 5))]
     anchors = list[int]()
 
     def follow(self: object, hypotheses: list[Hypothesis], anchor: int) -> list[Hypothesis]:
@@ -150,12 +158,36 @@ def test_the_best_heading_is_followed_from_the_frame_that_it_fits_best(
         return hypotheses
 
     cloud = Cloud(surface(SONG, SONG.rest_pose))
-    monkeypatch.setattr(automatic, "_select_observations", lambda *of: ([], [cloud]))
+    monkeypatch.setattr(automatic, "_select_observations", lambda *of: ([], [cloud] * 8))
     monkeypatch.setattr(automatic._Search, "try_headings", lambda *of: (7, fits))
     monkeypatch.setattr(automatic._Search, "follow", follow)
     grid = VoxelGrid.covering(np.zeros(3), np.ones(3), 0.1)
-    find_start(Scene(device, ring(3), grid, SONG), [], 1.0)
-    assert anchors == [7, 3]
+    start = find_start(Scene(device, ring(3), grid, SONG), [], 1.0)
+    assert anchors == [7] and start.best == 3
+
+
+def test_a_body_is_fitted_to_frames_all_over_the_take() -> None:
+    model, grid = ShapeModel(SONG), VoxelGrid.covering(-np.ones(3), np.array([1, 1, 2.2]), 0.02)
+    true = np.random.default_rng(1).normal(0, 0.7 * model.deviation)
+    poses = walking(SONG, 4)
+    clouds = [cloud_of(grid, surface(model.body(true), pose)) for pose in poses]
+    clouds.insert(1, cloud_of(grid, np.zeros((1, 3))))  # nobody is seen
+    start = Start(SONG, np.zeros(len(true)), poses[:1], (7,), 0, 1.5, 1.7)
+    around = np.insert(poses, 1, poses[0], axis=0)
+    errors = np.array([3.0, 0.0, 2.0, 1.0, 4.0])
+    found = refit_start(SONG, start, around, range(10, 15), clouds, errors)
+    assert stature(found.body) == pytest.approx(stature(model.body(true)), abs=0.03)
+    assert found.frames == [10, 12, 13, 14] and found.frame == 13 and found.rival == 1.5
+    assert found.seen == pytest.approx(
+        np.median(
+            [
+                np.ptp(Cloud(select_person_points(grid, each.indices)).heights)
+                for each in np.delete(clouds, 1)
+            ]
+        )
+    )
+    nobody = refit_start(SONG, start, around[:1], [7], clouds[1:2], errors[:1])
+    np.testing.assert_array_equal(nobody.shape, start.shape)
 
 
 def test_people_look_where_they_go() -> None:
@@ -176,8 +208,9 @@ def test_standing_on_the_floor() -> None:
 
 def test_what_speaks_against_a_start() -> None:
     def start(girth: float, rival: float) -> Start:
-        body, pose = SONG.scaled({}, girth), SONG.rest_pose
-        return Start(body, pose, rival, 1.3, girth)
+        shape = np.zeros(len(ShapeModel(SONG).deviation))
+        shape[1] = np.log(girth * 1.3 / stature(SONG))
+        return Start(SONG, shape, SONG.rest_pose[None], (0,), 0, rival, 1.3)
 
     assert start(1.0, np.inf).doubts == start(0.5, 1.5).doubts == start(1.4, 2.0).doubts == []
     (doubt,) = start(2.0, 1.5).doubts

@@ -12,11 +12,12 @@ import pytest
 from helpers import scenes
 from helpers.tracks import walker
 
-from apf.body.model import BodyModel
+from apf.body.model import BodyModel, Cone
 from apf.filters.method import Method
+from apf.initialisation.shape_model import ShapeModel
 from apf.initialisation.start import Start, StartError
 from apf.tracking import take
-from apf.tracking.pipeline import Tracked, TrackingTask
+from apf.tracking.pipeline import Tracked, TrackingRun, TrackingTask
 from apf.tracking.settings import TakeSettings
 from apf.tracking.take import (
     StartedTake,
@@ -63,12 +64,18 @@ def session_of(shown: dict[range, np.ndarray]) -> Session:
 
     def reconstruct(index: int) -> SimpleNamespace:
         indices = next((v for frames, v in shown.items() if index in frames), np.zeros(0, int))
-        return SimpleNamespace(grid=GRID, cloud=lambda: SimpleNamespace(indices=indices))
+        return SimpleNamespace(grid=GRID, cloud=lambda: SimpleNamespace(grid=GRID, indices=indices))
 
     session = Session(Reader(), NumpyDevice(), SessionSettings())  # type: ignore[arg-type]
     session.replace_result(automatic_grid, GRID)
     session.reconstructor = lambda grid: reconstruct  # type: ignore[method-assign]
     return session
+
+
+def start_in(track: Track, row: int) -> Start:
+    """A start in one frame of a track."""
+    shape = np.zeros(len(ShapeModel(track.its_body).deviation))
+    return Start(track.its_body, shape, track.poses[[row]], (row,), 0, 1.1, 1.7)
 
 
 def test_the_start_is_where_the_person_stands_whole() -> None:
@@ -117,15 +124,15 @@ def test_headings_are_not_compared_by_tracks_that_ended_early(
     error = ended if isinstance(ended, DeviceError) else None
     tracked = Tracked([track if error else track.as_interrupted], error)
     monkeypatch.setattr(take, "track_people", lambda *args: [tracked])
-    found = Start(track.its_body, track.poses[0], 1.1, 1.7, 1.0)
-    start = replace(found, rivals=(found,))
+    start = replace(start_in(track, 0), rivals=(start_in(track, 0),))
     task = TrackingTask(start.body, start.pose, Method(), [0])
     with pytest.raises(type(ended)):
         choose_starts([StartedTake(session_of({}), task, start, personal=True)])
 
 
 def test_the_take_decides_between_starts(monkeypatch: pytest.MonkeyPatch) -> None:
-    """They have other headings, or are in another frame. Cost is error times a power of misfit."""
+    """They have other headings, or are in another frame. Cost is error times a power of misfit. The
+    best one's body is fitted to the take for as long as it costs less."""
     track = walker()
 
     def with_error(error: float, misfit: float, off: float) -> Tracked:
@@ -137,45 +144,63 @@ def test_the_take_decides_between_starts(monkeypatch: pytest.MonkeyPatch) -> Non
         return Tracked([replace(track, joints=track.joints + off, diagnostics=diagnostics)])
 
     results = [with_error(20.0, 0.2, 0.0), with_error(16.0, 0.2, 1.0), with_error(17.0, 0.2, 1.01)]
-    monkeypatch.setattr(take, "track_people", lambda *args: results)
-    starts = [Start(track.its_body, track.poses[k], 1.1, 1.7, 1.0) for k in range(3)]
+    costs = list[float]()
+
+    def track_people(runs: list[TrackingRun], progress: object) -> list[Tracked]:
+        return results if len(runs) == 3 else [with_error(costs.pop(0), 0.2, 1.0)]
+
+    fitted = list[Start]()
+
+    def refit(template: BodyModel, start: Start, *voxels: object) -> Start:
+        fitted.append(replace(start, poses=start.poses + 1e-3))
+        return fitted[-1]
+
+    monkeypatch.setattr(take, "track_people", track_people)
+    monkeypatch.setattr(take, "refit_start", refit)
+    starts = [start_in(track, k) for k in (4, 5, 7)]
     start = replace(starts[0], rivals=(starts[1],))
     task = TrackingTask(start.body, start.pose, Method(), [0], frame=4)
     alone = StartedTake(session_of({}), task, replace(start, rivals=()))
-    others, settings = ((7, starts[2]),), TakeSettings()
+    others, settings = (starts[2],), TakeSettings()
     both = [alone, StartedTake(session_of({}), task, start, True, others, settings)]
+    costs[:] = [16.1]
     first, chosen = choose_starts(both)
-    assert first is alone
+    assert first is alone and len(fitted) == 1
     assert chosen.start is not None  # the third is the same track
     assert chosen.start.rival == pytest.approx(20 / 16)
-    np.testing.assert_array_equal(chosen.task.pose, track.poses[1])
-    results[1] = with_error(16.0, 0.4, 1.0)
+    assert chosen.task.frame == 5 and not chosen.others
+    np.testing.assert_array_equal(chosen.task.pose, track.poses[5])
+    costs[:] = [15.0, 14.0, 14.5]
     _, chosen = choose_starts(both)
-    np.testing.assert_array_equal(chosen.task.pose, track.poses[2])
-    assert chosen.task.frame == 7 and not chosen.others
+    assert chosen.start is fitted[2] and not costs
+    np.testing.assert_allclose(chosen.task.pose, track.poses[5] + 2e-3)
+    results[1], costs[:] = with_error(16.0, 0.4, 1.0), [99.0]
+    _, chosen = choose_starts(both)
+    np.testing.assert_array_equal(chosen.task.pose, track.poses[7])
+    assert chosen.task.frame == 7
 
 
-def test_a_start_is_sought_again_with_what_the_person_carries(
+def test_what_the_person_carries_becomes_a_part_of_the_body(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     track = walker()
     errors = {"best_log_weight": np.full((len(track), 1), -1.0), "misfit": np.ones(len(track))}
-    tracked = Tracked([replace(track, diagnostics=track.diagnostics | errors)])
+    lighter = errors | {"best_log_weight": errors["best_log_weight"] / 2}
+    tracked = [Tracked([replace(track, diagnostics=track.diagnostics | of)])
+               for of in (errors, lighter, errors)]  # fmt: skip
     load = [replace(track.its_body.cones[0], name="load_1", bone=0)]
-    templates = []
+    sought = list[BodyModel]()
 
-    def start_again(session: Session, template: BodyModel, **settings: object) -> Start:
-        templates.append((session.frames.start, template))
-        return Start(template, track.poses[1], 3.0, 1.7, 1.0)
+    def find(body: BodyModel, *shown: object) -> list[Cone]:
+        sought.append(body)
+        return load
 
-    monkeypatch.setattr(take, "track_people", lambda *args: [tracked])
-    monkeypatch.setattr(take, "find_load", lambda *args: load)
-    monkeypatch.setattr(take, "initialise", start_again)
-    start, settings = Start(track.its_body, track.poses[0], 1.1, 1.7, 1.0), TakeSettings()
+    monkeypatch.setattr(take, "track_people", lambda *args: [tracked.pop(0)])
+    monkeypatch.setattr(take, "find_load", find)
+    start, settings = start_in(track, 4), TakeSettings()
     task = TrackingTask(start.body, start.pose, Method(), [0], frame=4)
-    (chosen,) = choose_starts([StartedTake(session_of({}), task, start, True, (), settings)])
-    ((frame, template),) = templates
-    assert frame == 4 and template.cone_names == [*settings.body_template.cone_names, "load_1"]
-    assert chosen.task.body is template and chosen.start is not None
-    assert chosen.start.rival == np.inf  # of the take
-    np.testing.assert_array_equal(chosen.task.pose, track.poses[1])
+    started = StartedTake(session_of({range(N): block(1.7)}), task, start, True, (), settings)
+    (chosen,) = choose_starts([started])
+    assert [body.cone_names for body in sought] == [start.body.cone_names] and not tracked  # once
+    assert chosen.task.body.cone_names == [*start.body.cone_names, "load_1"]
+    assert chosen.start is not None and len(chosen.start.poses) == 20
