@@ -132,7 +132,8 @@ def write_tracks(job: TrackJob, take: Take) -> None:
     assert job.request.output is not None
     write_settings(job.request.output, job.request, ["method", "reconstruction"])
     for track, folder in zip(take.tracks, job.folders, strict=True):
-        write_pose(folder / "start.txt", take.pose, take.body)
+        pose = take.pose if track.lost[0] else track.poses[0]
+        write_pose(folder / "start.txt", pose, take.body)
         write_files(folder, track, take.body)
         remove_parts(folder)
 

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from collections.abc import Sequence as Items
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import partial, reduce
 from itertools import islice, zip_longest
 from pathlib import Path
 from typing import NamedTuple, TypeAlias
@@ -242,8 +242,10 @@ def choose_starts(
     better = best
     for _ in range(_REFITS):
         again = {number: _refit(each, progress) for number, each in better.items()}
-        refitted = dict(zip(again, _try_starts(list(again.values()), progress), strict=True))
-        better = {k: each for k, each in refitted.items() if each.cost < _BETTER * best[k].cost}
+        tries = iter(_try_starts([each for takes in again.values() for each in takes], progress))
+        tried = {number: list(islice(tries, len(takes))) for number, takes in again.items()}
+        refitted = {k: reduce(_prefer, each) for k, each in tried.items()}
+        better = {k: each for k, each in refitted.items() if _prefer(best[k], each) is each}
         best |= better
     for number, each in best.items():
         chosen[number] = each.take
@@ -300,9 +302,14 @@ def _choose(tries: Items[_Try]) -> _Try:
     return best._replace(take=replace(best.take, start=start))
 
 
-def _refit(tried: _Try, progress: Callable[[str], object] | None) -> StartedTake:
+def _prefer(one: _Try, other: _Try) -> _Try:
+    return other if other.cost < _BETTER * one.cost else one
+
+
+def _refit(tried: _Try, progress: Callable[[str], object] | None) -> list[StartedTake]:
     """Return a start whose body is fitted to frames all over the take, from its track on, and has
-    what the person carries as a part."""
+    what the person carries as a part. If that was not known, arms have been where it is; so return
+    a start that is sought anew first."""
     take, track = tried.take, tried.track
     start, settings = take.start, take.settings
     assert start is not None and settings is not None
@@ -310,15 +317,18 @@ def _refit(tried: _Try, progress: Callable[[str], object] | None) -> StartedTake
     rows = rows[pick_evenly(len(rows), _FITTED_FRAMES)]
     frames, poses = track.frames[rows].tolist(), track.poses[rows]
     clouds = list(take.session.iterate_clouds(automatic_grid(take.session), frames))
-    if progress is not None:
-        progress("start")
-    template = start.template
-    if template is template.without_load and (load := find_load(start.body, poses, clouds)):
+    report = (lambda: None) if progress is None else partial(progress, "start")
+    report()
+    template, errors = start.template, -track.diagnostics["best_log_weight"][rows, -1]
+    load = find_load(start.body, poses, clouds) if template is template.without_load else []
+    if load:
         template = add_load(template, load, start.height)
-    errors = -track.diagnostics["best_log_weight"][rows, -1]
-    return _begin_with(
-        take, refit_start(template, start, poses, frames, clouds, errors, settings.height)
-    )
+    starts = [refit_start(template, start, poses, frames, clouds, errors, settings.height)]
+    if load:
+        with suppress(StartError):
+            anew = _start_in(take.session, template, settings, start.frames[0], report)
+            starts.insert(0, replace(anew, rival=start.rival, rivals=()))
+    return [_begin_with(take, each) for each in starts]
 
 
 def track_once(

@@ -180,27 +180,41 @@ def test_the_take_decides_between_starts(monkeypatch: pytest.MonkeyPatch) -> Non
     assert chosen.task.frame == 7
 
 
+@pytest.mark.parametrize(("costs", "sought_anew"), [((0.5, 0.49), True), ((0.5, 0.4), False)])
 def test_what_the_person_carries_becomes_a_part_of_the_body(
-    monkeypatch: pytest.MonkeyPatch,
+    monkeypatch: pytest.MonkeyPatch, costs: tuple[float, float], sought_anew: bool
 ) -> None:
+    """Arms were where the load is: a start that is sought anew counts, unless it costs more."""
     track = walker()
-    errors = {"best_log_weight": np.full((len(track), 1), -1.0), "misfit": np.ones(len(track))}
-    lighter = errors | {"best_log_weight": errors["best_log_weight"] / 2}
-    tracked = [Tracked([replace(track, diagnostics=track.diagnostics | of)])
-               for of in (errors, lighter, errors)]  # fmt: skip
+
+    def with_error(error: float) -> Tracked:
+        errors = {
+            "best_log_weight": np.full((len(track), 1), -error),
+            "misfit": np.ones(len(track)),
+        }
+        return Tracked([replace(track, diagnostics=track.diagnostics | errors)])
+
+    tracked = [[with_error(error) for error in errors] for errors in ((1.0,), costs, (1.0,))]
     load = [replace(track.its_body.cones[0], name="load_1", bone=0)]
-    sought = list[BodyModel]()
+    sought, started_from = list[BodyModel](), list[int]()
 
     def find(body: BodyModel, *shown: object) -> list[Cone]:
         sought.append(body)
         return load
 
-    monkeypatch.setattr(take, "track_people", lambda *args: [tracked.pop(0)])
+    def start_again(session: Session, template: BodyModel, **settings: object) -> Start:
+        started_from.append(session.frames.start)
+        return replace(start, template=template, shape=np.append(start.shape, 0.0), frames=(9,))
+
+    monkeypatch.setattr(take, "track_people", lambda *args: tracked.pop(0))
     monkeypatch.setattr(take, "find_load", find)
+    monkeypatch.setattr(take, "initialise", start_again)
     start, settings = start_in(track, 4), TakeSettings()
     task = TrackingTask(start.body, start.pose, Method(), [0], frame=4)
     started = StartedTake(session_of({range(N): block(1.7)}), task, start, True, (), settings)
     (chosen,) = choose_starts([started])
     assert [body.cone_names for body in sought] == [start.body.cone_names] and not tracked  # once
     assert chosen.task.body.cone_names == [*start.body.cone_names, "load_1"]
-    assert chosen.start is not None and len(chosen.start.poses) == 20
+    assert chosen.start is not None and started_from == [4]
+    assert len(chosen.start.poses) == (1 if sought_anew else 20)
+    assert chosen.task.frame == chosen.start.frame and (chosen.start.frame == 9) == sought_anew
