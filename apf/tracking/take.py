@@ -51,9 +51,9 @@ Keep: TypeAlias = Callable[[BodyModel, np.ndarray, Items[Track]], "Items[Path] |
 _TRIES, _STARTS = 3, 2
 #: Least rate, frames/s, at which every second frame is enough for that.
 _COMPARED_RATE = 20.0
-#: Frames of the take to which the body of a start is fitted, times at most, and the ratio of costs
-#: below which it fits better.
-_FITTED_FRAMES, _REFITS, _BETTER = 20, 3, 0.97
+#: Frames of the take to which the body of a start is fitted, and times at most; ratio of costs
+#: below which one fits better than another, and mean change of the joints, m, that matters.
+_FITTED_FRAMES, _REFITS, _BETTER, _MOVED = 20, 3, 0.97, 0.01
 #: Share by which the qualities of frames differ that are alike: one person's voxels differ so.
 _ALIKE = 0.1
 #: Largest distance, m, of a given first pose from the volume.
@@ -244,7 +244,7 @@ def choose_starts(
         again = {number: _refit(each, progress) for number, each in better.items()}
         tries = iter(_try_starts([each for takes in again.values() for each in takes], progress))
         tried = {number: list(islice(tries, len(takes))) for number, takes in again.items()}
-        refitted = {k: reduce(_prefer, each) for k, each in tried.items()}
+        refitted = {k: reduce(_prefer, each) for k, each in tried.items() if each}
         better = {k: each for k, each in refitted.items() if _prefer(best[k], each) is each}
         best |= better
     for number, each in best.items():
@@ -308,8 +308,8 @@ def _prefer(one: _Try, other: _Try) -> _Try:
 
 def _refit(tried: _Try, progress: Callable[[str], object] | None) -> list[StartedTake]:
     """Return a start whose body is fitted to frames all over the take, from its track on, and has
-    what the person carries as a part. If that was not known, arms have been where it is; so return
-    a start that is sought anew first."""
+    what the person carries as a part; none if that body is nearly the same. If the load was not
+    known, arms have been where it is; so return a start that is sought anew first."""
     take, track = tried.take, tried.track
     start, settings = take.start, take.settings
     assert start is not None and settings is not None
@@ -323,7 +323,11 @@ def _refit(tried: _Try, progress: Callable[[str], object] | None) -> list[Starte
     load = find_load(start.body, poses, clouds) if template is template.without_load else []
     if load:
         template = add_load(template, load, start.height)
-    starts = [refit_start(template, start, poses, frames, clouds, errors, settings.height)]
+    fitted = refit_start(template, start, poses, frames, clouds, errors, settings.height)
+    joints, moved = (posed_joints(body, fitted.poses) for body in (start.body, fitted.body))
+    starts = list[Start]()
+    if load or np.linalg.norm(moved - joints, axis=-1).mean() > _MOVED:
+        starts.append(fitted)
     if load:
         with suppress(StartError):
             anew = _start_in(take.session, template, settings, start.frames[0], report)
