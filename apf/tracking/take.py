@@ -8,7 +8,6 @@ from collections.abc import Sequence as Items
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial, reduce
-from itertools import islice, zip_longest
 from pathlib import Path
 from typing import NamedTuple, TypeAlias
 
@@ -53,7 +52,7 @@ _TRIES, _STARTS = 3, 2
 _COMPARED_RATE = 20.0
 #: Frames of the take to which the body of a start is fitted, and times at most; ratio of costs
 #: below which one fits better than another, and mean change of the joints, m, that matters.
-_FITTED_FRAMES, _REFITS, _BETTER, _MOVED = 20, 3, 0.97, 0.01
+_FITTED_FRAMES, _REFITS, _COST_RATIO, _LEAST_CHANGE = 20, 3, 0.97, 0.01
 #: Share by which the qualities of frames differ that are alike: one person's voxels differ so.
 _ALIKE = 0.1
 #: Largest distance, m, of a given first pose from the volume.
@@ -237,14 +236,12 @@ def choose_starts(
         if take.start is not None and take.personal:
             starts = (take.start, *take.start.rivals, *take.others)
             rivals[number] = [_begin_with(take, start) for start in starts]
-    tries = iter(_try_starts([each for takes in rivals.values() for each in takes], progress))
-    best = {number: _choose(list(islice(tries, len(each)))) for number, each in rivals.items()}
+    best = {number: _choose(tries) for number, tries in _try_starts(rivals, progress).items()}
     better = best
     for _ in range(_REFITS):
-        again = {number: _refit(each, progress) for number, each in better.items()}
-        tries = iter(_try_starts([each for takes in again.values() for each in takes], progress))
-        tried = {number: list(islice(tries, len(takes))) for number, takes in again.items()}
-        refitted = {k: reduce(_prefer, each) for k, each in tried.items() if each}
+        fitted = {number: _refit(each, progress) for number, each in better.items()}
+        tries = _try_starts(fitted, progress)
+        refitted = {number: reduce(_prefer, each) for number, each in tries.items() if each}
         better = {k: each for k, each in refitted.items() if _prefer(best[k], each) is each}
         best |= better
     for number, each in best.items():
@@ -265,21 +262,25 @@ def _begin_with(take: StartedTake, start: Start) -> StartedTake:
     return replace(take, task=task, start=start, others=())
 
 
-def _try_starts(takes: Items[StartedTake], progress: Callable[[str], object] | None) -> list[_Try]:
-    """Track the bodies of some starts through the take in one direction, together, in every second
-    frame unless these are few a second."""
-    sessions, runs = dict[int, Session](), list[TrackingRun]()
-    for take in takes:
-        session, frames, task = take.session, take.session.frames, take.task
-        if id(session) not in sessions:  # several starts of one person are tracked together
-            step = 2 if session.rate >= _COMPARED_RATE else 1
-            few = frames[-frames.start % step :: step] or frames
-            sessions[id(session)] = session.with_frames(few)
-        method, seeds = task.method.replace(both_ways=False), task.seeds[:1]
-        run = TrackingRun(sessions[id(session)], replace(task, method=method, seeds=seeds))
-        runs.append(run)
-    tracked, tries = track_people(runs, progress) if runs else [], list[_Try]()
-    for take, result in zip_longest(takes, tracked):
+def _try_starts(
+    starts: Mapping[int, Items[StartedTake]], progress: Callable[[str], object] | None
+) -> dict[int, list[_Try]]:
+    """Track the bodies of each person's starts through the take in one direction, all together, in
+    every second frame unless these are few a second."""
+    runs = list[TrackingRun]()
+    for takes in starts.values():
+        for take in takes:
+            if take is takes[0]:  # the starts of one person share their voxels
+                frames = take.session.frames
+                step = 2 if take.session.rate >= _COMPARED_RATE else 1
+                few = frames[-frames.start % step :: step] or frames
+                session = take.session.with_frames(few)
+            method, seeds = take.task.method.replace(both_ways=False), take.task.seeds[:1]
+            runs.append(TrackingRun(session, replace(take.task, method=method, seeds=seeds)))
+    tracked = iter(track_people(runs, progress) if runs else ())
+
+    def judge(take: StartedTake) -> _Try:
+        result = next(tracked, None)
         if result is not None and result.error is not None:
             raise result.error
         if result is None or result.tracks[0].interrupted:
@@ -287,8 +288,9 @@ def _try_starts(takes: Items[StartedTake], progress: Callable[[str], object] | N
         diagnostics = result.tracks[0].diagnostics
         misfit = float(np.mean(diagnostics["misfit"]))
         cost = fit_cost(-diagnostics["best_log_weight"], misfit)
-        tries.append(_Try(take, result.tracks[0], cost))
-    return tries
+        return _Try(take, result.tracks[0], cost)
+
+    return {number: [judge(take) for take in takes] for number, takes in starts.items()}
 
 
 def _choose(tries: Items[_Try]) -> _Try:
@@ -303,7 +305,7 @@ def _choose(tries: Items[_Try]) -> _Try:
 
 
 def _prefer(one: _Try, other: _Try) -> _Try:
-    return other if other.cost < _BETTER * one.cost else one
+    return other if other.cost < _COST_RATIO * one.cost else one
 
 
 def _refit(tried: _Try, progress: Callable[[str], object] | None) -> list[StartedTake]:
@@ -324,14 +326,14 @@ def _refit(tried: _Try, progress: Callable[[str], object] | None) -> list[Starte
     if load:
         template = add_load(template, load, start.height)
     fitted = refit_start(template, start, poses, frames, clouds, errors, settings.height)
-    joints, moved = (posed_joints(body, fitted.poses) for body in (start.body, fitted.body))
+    before, after = (posed_joints(body, fitted.poses) for body in (start.body, fitted.body))
     starts = list[Start]()
-    if load or np.linalg.norm(moved - joints, axis=-1).mean() > _MOVED:
+    if load or np.linalg.norm(after - before, axis=-1).mean() > _LEAST_CHANGE:
         starts.append(fitted)
     if load:
         with suppress(StartError):
-            anew = _start_in(take.session, template, settings, start.frames[0], report)
-            starts.insert(0, replace(anew, rival=start.rival, rivals=()))
+            fresh = _start_in(take.session, template, settings, start.frames[0], report)
+            starts.insert(0, replace(fresh, rival=start.rival, rivals=()))
     return [_begin_with(take, each) for each in starts]
 
 
