@@ -55,6 +55,11 @@ class Hypothesis:
     cost: float
     best: int
 
+    @property
+    def pose(self) -> np.ndarray:
+        """The pose (D,) that fits best."""
+        return self.poses[self.best]
+
 
 def find_start(
     scene: Scene,
@@ -96,13 +101,14 @@ def find_start(
             "no standing or walking person was found in the first frames (misfit "
             f"{best.misfit:.2f}; expected less than {_HOPELESS})"
         )
-    seen = _seen_height(clouds)
+    visible_height = _visible_height(clouds)
     numbers = (range(len(clouds)) if frames is None else frames)[: len(clouds)]
 
     def make_start(fit: Hypothesis, rival: float, others: Sequence[Start] = ()) -> Start:
         return Start(
-            scene.body, fit.shape, fit.poses, numbers, fit.best, rival, seen, tuple(others)
-        )
+            scene.body, fit.shape, fit.poses, numbers, fit.best, rival, visible_height,
+            tuple(others),
+        )  # fmt: skip
 
     factors = [each.cost / best.cost for each in rivals]
     others = [
@@ -131,21 +137,22 @@ def refit_start(
     shape = np.zeros(len(model.deviation))
     shape[: len(start.shape)] = start.shape
     points = [select_person_points(cloud.grid, cloud.indices) for cloud in voxels]
-    shown = [row for row, each in enumerate(points) if len(each) >= LEAST_VOXELS]
-    if not shown:
-        return replace(start, rivals=())
-    clouds = [Cloud(points[row], _modelled_part(template)) for row in shown]
+    rows = [row for row, each in enumerate(points) if len(each) >= LEAST_VOXELS]
+    if not rows:
+        return start
+    clouds = [Cloud(points[row], _modelled_part(template)) for row in rows]
     fitted = fit_body(
-        model, SurfaceEvidence(clouds), Fitted(shape, poses[shown]),
+        model, SurfaceEvidence(clouds), Fitted(shape, poses[rows]),
         free=np.ones(len(shape), bool), height=height, steps=_FIT_STEPS,
     )  # fmt: skip
-    numbers, best = [frames[row] for row in shown], int(np.argmin(errors[shown]))
+    numbers, best = [frames[row] for row in rows], int(np.argmin(errors[rows]))
     return Start(
-        template, fitted.shape, fitted.poses, numbers, best, start.rival, _seen_height(clouds)
+        template, fitted.shape, fitted.poses, numbers, best, start.rival, _visible_height(clouds)
     )
 
 
-def _seen_height(clouds: Sequence[Cloud]) -> float:
+def _visible_height(clouds: Sequence[Cloud]) -> float:
+    """Return the usual height, m, of the visible part of the person."""
     return float(np.median([np.ptp(cloud.heights) for cloud in clouds]))
 
 
@@ -334,9 +341,11 @@ def select_distinct(
     from those of better ones in the frames that these fit best."""
     kept: list[Hypothesis] = []
     for hypothesis in sorted(hypotheses, key=lambda h: h.cost):
-        pairs = [(hypothesis.poses[other.best], other.poses[other.best]) for other in kept]
-        headings = [[forward(template, pose) for pose in pair] for pair in pairs]
-        if all(one @ other < np.cos(separation) for one, other in headings):
+        cosines = [
+            forward(template, hypothesis.poses[better.best]) @ forward(template, better.pose)
+            for better in kept
+        ]
+        if all(cosine < np.cos(separation) for cosine in cosines):
             kept.append(hypothesis)
     return kept
 

@@ -240,8 +240,8 @@ def choose_starts(
     better = best
     for _ in range(_REFITS):
         fitted = {number: _refit(each, progress) for number, each in better.items()}
-        tries = _try_starts(fitted, progress)
-        refitted = {number: reduce(_prefer, each) for number, each in tries.items() if each}
+        tries = _try_starts({k: takes for k, takes in fitted.items() if takes}, progress)
+        refitted = {number: reduce(_prefer, each) for number, each in tries.items()}
         better = {k: each for k, each in refitted.items() if _prefer(best[k], each) is each}
         best |= better
     for number, each in best.items():
@@ -266,17 +266,15 @@ def _try_starts(
     starts: Mapping[int, Items[StartedTake]], progress: Callable[[str], object] | None
 ) -> dict[int, list[_Try]]:
     """Track the bodies of each person's starts through the take in one direction, all together, in
-    every second frame unless these are few a second."""
+    every second frame unless these are few a second. Each person has one start or more."""
     runs = list[TrackingRun]()
     for takes in starts.values():
-        for take in takes:
-            if take is takes[0]:  # the starts of one person share their voxels
-                frames = take.session.frames
-                step = 2 if take.session.rate >= _COMPARED_RATE else 1
-                few = frames[-frames.start % step :: step] or frames
-                session = take.session.with_frames(few)
-            method, seeds = take.task.method.replace(both_ways=False), take.task.seeds[:1]
-            runs.append(TrackingRun(session, replace(take.task, method=method, seeds=seeds)))
+        session = takes[0].session  # of all, which share the person's voxels
+        frames, step = session.frames, 2 if session.rate >= _COMPARED_RATE else 1
+        coarse = session.with_frames(frames[-frames.start % step :: step] or frames)
+        for task in (take.task for take in takes):
+            method, seeds = task.method.replace(both_ways=False), task.seeds[:1]
+            runs.append(TrackingRun(coarse, replace(task, method=method, seeds=seeds)))
     tracked = iter(track_people(runs, progress) if runs else ())
 
     def judge(take: StartedTake) -> _Try:
@@ -305,13 +303,14 @@ def _choose(tries: Items[_Try]) -> _Try:
 
 
 def _prefer(one: _Try, other: _Try) -> _Try:
+    """Return the first try unless the other one clearly costs less."""
     return other if other.cost < _COST_RATIO * one.cost else one
 
 
 def _refit(tried: _Try, progress: Callable[[str], object] | None) -> list[StartedTake]:
     """Return a start whose body is fitted to frames all over the take, from its track on, and has
     what the person carries as a part; none if that body is nearly the same. If the load was not
-    known, arms have been where it is; so return a start that is sought anew first."""
+    known, the arms were tracked where it is; then the first one is a start that is sought anew."""
     take, track = tried.take, tried.track
     start, settings = take.start, take.settings
     assert start is not None and settings is not None

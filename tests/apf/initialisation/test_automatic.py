@@ -173,20 +173,15 @@ def test_a_body_is_fitted_to_frames_all_over_the_take() -> None:
     clouds = [cloud_of(grid, surface(model.body(true), pose)) for pose in poses]
     clouds.insert(1, cloud_of(grid, np.zeros((1, 3))))  # nobody is seen
     start = Start(SONG, np.zeros(len(true)), poses[:1], (7,), 0, 1.5, 1.7)
-    around = np.insert(poses, 1, poses[0], axis=0)
+    tracked = np.insert(poses, 1, poses[0], axis=0)
     errors = np.array([3.0, 0.0, 2.0, 1.0, 4.0])
-    found = refit_start(SONG, start, around, range(10, 15), clouds, errors)
-    assert stature(found.body) == pytest.approx(stature(model.body(true)), abs=0.03)
-    assert found.frames == [10, 12, 13, 14] and found.frame == 13 and found.rival == 1.5
-    assert found.seen == pytest.approx(
-        np.median(
-            [
-                np.ptp(Cloud(select_person_points(grid, each.indices)).heights)
-                for each in np.delete(clouds, 1)
-            ]
-        )
-    )
-    nobody = refit_start(SONG, start, around[:1], [7], clouds[1:2], errors[:1])
+    refitted = refit_start(SONG, start, tracked, range(10, 15), clouds, errors)
+    assert stature(refitted.body) == pytest.approx(stature(model.body(true)), abs=0.03)
+    assert refitted.frames == [10, 12, 13, 14] and refitted.frame == 13 and refitted.rival == 1.5
+    points = [select_person_points(grid, cloud.indices) for cloud in (clouds[0], *clouds[2:])]
+    heights = [np.ptp(Cloud(each).heights) for each in points]
+    assert refitted.seen == pytest.approx(np.median(heights))
+    nobody = refit_start(SONG, start, tracked[:1], [7], clouds[1:2], errors[:1])
     np.testing.assert_array_equal(nobody.shape, start.shape)
 
 

@@ -219,5 +219,8 @@ def test_what_the_person_carries_becomes_a_part_of_the_body(
     assert [body.cone_names for body in sought] == [start.body.cone_names]  # once
     assert chosen.task.body.cone_names == [*start.body.cone_names, "load_1"]
     assert chosen.start is not None and started_from == [4]
+    assert chosen.start.rival == np.inf  # of the take
+    if sought_anew:
+        np.testing.assert_array_equal(chosen.task.pose, track.poses[4])
     assert len(chosen.start.poses) == (1 if sought_anew else 20)
     assert chosen.task.frame == chosen.start.frame and (chosen.start.frame == 9) == sought_anew
