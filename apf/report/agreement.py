@@ -32,7 +32,7 @@ from psfs.voxels.grid import VoxelCloud, VoxelGrid
 from psfs.voxels.host_voxels import voxel_silhouette
 
 #: Most frames that are compared, evenly spread over the track: enough for a page's curves.
-MOST_FRAMES = 200
+MOST_FRAMES = 100
 #: A cone with fewer pixels in a picture is not scored there.
 _LEAST_PIXELS = 20
 #: A surface voxel farther than this from every cone, m, is unexplained: about a forearm's girth,

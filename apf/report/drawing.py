@@ -280,15 +280,14 @@ def _draw_cones(
         hull = cv2.convexHull(_to_fixed_point(rings[i] - low))
         cv2.fillConvexPoly(number, hull, k, cv2.LINE_8, _BITS)
     inside = number > 0
-    tinted = cv2.addWeighted(image, 0.84, table[number], 0.16, 0)
+    tinted = cv2.addWeighted(image, 0.84, np.take(table, number, axis=0), 0.16, 0)
     cv2.copyTo(tinted, inside.view(np.uint8), image)
     lines, _ = cv2.findContours(inside.view(np.uint8), cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
-    nearest = cv2.dilate(number, np.ones((rim, rim), np.uint8))
-    for width in (rim, thickness):
-        drawn = np.zeros(image.shape[:2], np.uint8)
-        cv2.drawContours(drawn, lines, -1, 255, width)
-        colour = np.full_like(image, _RIM) if width == rim else table[nearest]
-        cv2.copyTo(colour, drawn, image)
+    nearest = np.asarray(cv2.dilate(number, np.ones((rim, rim), np.uint8)), np.uint8)
+    drawn = np.zeros_like(number)
+    cv2.drawContours(image, lines, -1, _RIM, rim)
+    cv2.drawContours(drawn, lines, -1, 255, thickness)
+    cv2.copyTo(np.take(table, nearest, axis=0), drawn, image)
 
 
 def _draw_skeleton(

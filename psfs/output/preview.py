@@ -225,9 +225,11 @@ def label_picture(picture: np.ndarray, name: str) -> np.ndarray:
     """Write a camera's name into the corner of its picture (h, w, 3) uint8; return the picture."""
     size = max(0.4, max(picture.shape[:2]) / 800)
     place, pen = (round(10 * size), round(36 * size)), max(1, round(size))
-    strip = picture[: round(50 * size)]
+    style = cv2.FONT_HERSHEY_SIMPLEX, size
+    (length, _), _ = cv2.getTextSize(name, *style, pen)
+    strip = picture[: round(50 * size), : 2 * place[0] + length]
     text = np.zeros(strip.shape[:2], np.uint8)
-    cv2.putText(text, name, place, cv2.FONT_HERSHEY_SIMPLEX, size, 255, pen, cv2.LINE_AA)
+    cv2.putText(text, name, place, *style, 255, pen, cv2.LINE_AA)
     # Not by a thicker pen: OpenCV 5 spaces its letters wider.
     halo: np.ndarray = cv2.dilate(text, np.ones((3, 3), np.uint8), iterations=pen)
     strip[:] = np.maximum(strip * (1 - halo / 255)[..., None], text[..., None])

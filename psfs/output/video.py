@@ -98,4 +98,5 @@ def count_frames(path: Path) -> int:
 def _pad_to_even(picture: np.ndarray) -> np.ndarray:
     """Repeat the last row and column of a picture with odd sides: H.264 needs even ones."""
     height, width = picture.shape[:2]
-    return np.pad(picture, ((0, height % 2), (0, width % 2), (0, 0)), mode="edge")
+    rim = 0, height % 2, 0, width % 2
+    return np.asarray(cv2.copyMakeBorder(picture, *rim, cv2.BORDER_REPLICATE))
