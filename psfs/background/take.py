@@ -125,9 +125,9 @@ def find_covered(
     frames: (V, n, h, w, 3) uint8 small pictures of the rig. film: (V, 2, h, w, 3) mean and standard
     deviation of the empty scene in the frames' light, if it was filmed.
 
-    The background is at first the median or, if people stay in a place and are thus in the median,
-    the film; without one, it is extrapolated from around all that moves, and below it down to the
-    floor, on which somebody who stays in a place stands. That one is taken with which the cameras
+    The background is at first the film. Without one, it is the median or, if people stay in a place
+    and are thus in the median, extrapolated from around all that moves, and below it down to the
+    floor, on which somebody who stays in a place stands; that one is taken with which the cameras
     agree better in the end.
     """
     regions, medians = pool.map(find_moving_region, frames), pool.map(median_moments, frames)
@@ -149,7 +149,7 @@ def find_covered(
         labels = _maximise(coverage, densities, pool)
         return coverage.agreement, labels
 
-    starts = map_in_threads(label, (False, True))
+    starts = map_in_threads(label, (True,) if films[0] else (False, True))
     return max(starts, key=itemgetter(0))[1]
 
 
