@@ -21,8 +21,9 @@ _LEAST_STD, _EXTRAPOLATED_STD = 5.0, 10.0
 _SHADE = 0.06
 #: Share of every density that is another: what no model explains.
 _UNEXPLAINED = 0.05
-#: Width of the rim of a region, px, on which it is measured what an extrapolation explains.
-_RIM_PX = 12
+#: Width of the border outside of a region, px, on which it is measured what an extrapolation
+#: explains.
+_BORDER_PX = 12
 #: Squared distance, standard deviations, from which densities are next to nothing beside what is
 #: unexplained: exponentials of larger ones are slow.
 _FARTHEST = 100.0
@@ -70,8 +71,7 @@ class PixelDensities:
     from_median: whether they are the background at first; else it is the `film` of the empty scene
     or, without one, extrapolated from the nearest pixels outside of the region on either side,
     above and below. same: (h, w) bool, where the film holds. known: (h, w) bool, where frames show
-    the background. explained: share of what is around the region that would be extrapolated rightly
-    from farther around, relative to the most that is expected.
+    the background.
 
     All densities are relative to the uniform one, which is the person's at first.
     """
@@ -89,20 +89,19 @@ class PixelDensities:
         self._frames = frames.reshape(len(frames), -1, 3).take(self._pixels, axis=1)
         self._shown = np.moveaxis(self._frames, -1, 0).astype(np.float32, "C")
         self._bins = colour_bins(self._frames)
-        picture, outside = cv2.blur(moments[0], (3, 3)), ~region
-        kernel = np.ones((2 * _RIM_PX + 1, 2 * _RIM_PX + 1), np.uint8)
-        wide = cv2.dilate(region.view(np.uint8), kernel) > 0
-        rim, seen = outside[wide], moments[0][wide & outside].T[:, None]
-        around = [(colour[rim], share[rim]) for colour, share in _find_surroundings(picture, wide)]
-        wrong = float(np.mean(_mix(seen, around) < 1)) if rim.any() else 0.0
-        self._unexplained = max(_UNEXPLAINED, wrong)
-        self.explained = (1 - self._unexplained) / (1 - _UNEXPLAINED)
+        picture = cv2.blur(moments[0], (3, 3))
         self._around = _find_surroundings(picture, region)
+        self._unexplained = max(_UNEXPLAINED, _measure_unexplained(moments[0], picture, region))
         self._unseen = self._surrounding_density(self._shown)
         self._person = np.ones(N_BINS, np.float32)
         self._moments = moments[0].copy(), moments[1].copy()
         self.known = from_median | ~region
         self._update(np.zeros((1, len(self._pixels)), bool))
+
+    @property
+    def explained(self) -> float:
+        """The share of the background that an extrapolation explains, 1 at most."""
+        return (1 - self._unexplained) / (1 - _UNEXPLAINED)
 
     def learn(self, covered: np.ndarray) -> np.ndarray:
         """Learn the background from the frames in which a pixel is not `covered` (n, h, w). Return
@@ -180,19 +179,37 @@ class PixelDensities:
         """Return the density (n, pixels) of the colours `shown` (3, n, pixels) if the background
         looks as it does around the region."""
         unexplained = self._unexplained
-        return np.asarray((1 - unexplained) * _mix(shown, self._around) + unexplained, np.float32)
+        return np.asarray(
+            (1 - unexplained) * _mix_densities(shown, self._around) + unexplained, np.float32
+        )
 
 
-def _mix(shown: np.ndarray, around: list[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
+def _mix_densities(
+    shown: np.ndarray, surroundings: list[tuple[np.ndarray, np.ndarray]]
+) -> np.ndarray:
     """Return the density (n, pixels) of the colours `shown` (3, n, pixels) before backgrounds of
     the colours and shares of `_find_surroundings`."""
     std = np.float32(_EXTRAPOLATED_STD)
-    return np.asarray(
-        sum(
-            share * _background_density(shown, colour, np.full_like(colour, std))
-            for colour, share in around
-        )
+    densities = (
+        share * _background_density(shown, colour, np.full_like(colour, std))
+        for colour, share in surroundings
     )
+    return np.asarray(sum(densities))
+
+
+def _measure_unexplained(mean: np.ndarray, picture: np.ndarray, region: np.ndarray) -> float:
+    """Return the share of the pixels just outside of a region (h, w) bool whose colours the uniform
+    density explains better than one that is extrapolated from farther outside. mean: (h, w, 3) of
+    the frames. picture: the same, smoothed."""
+    kernel = np.ones((2 * _BORDER_PX + 1, 2 * _BORDER_PX + 1), np.uint8)
+    dilated = cv2.dilate(region.view(np.uint8), kernel) > 0
+    border = dilated & ~region
+    if not border.any():
+        return 0.0
+    pixels = border[dilated]
+    surroundings = _find_surroundings(picture, dilated)
+    surroundings = [(colour[pixels], share[pixels]) for colour, share in surroundings]
+    return float(np.mean(_mix_densities(mean[border].T[:, None], surroundings) < 1))
 
 
 def _background_density(shown: np.ndarray, mean: np.ndarray, std: np.ndarray) -> np.ndarray:

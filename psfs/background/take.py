@@ -128,7 +128,8 @@ def find_covered(
     The background is at first the film. Without one, it is the median or, if people stay in a place
     and are thus in the median, extrapolated from around all that moves, and below it down to the
     floor, on which somebody who stays in a place stands; that one is taken with which the cameras
-    agree better in the end, of an extrapolated one by as much as is extrapolated rightly.
+    agree better in the end. The agreement with an extrapolated one counts by the share of the
+    background that it explains.
     """
     regions, medians = pool.map(find_moving_region, frames), pool.map(median_moments, frames)
     films = [None] * len(rig) if film is None else [(mean, std) for mean, std in film]
@@ -150,7 +151,7 @@ def find_covered(
         explained = np.mean([of.explained for of in densities]) if to_floor else 1.0
         return coverage.agreement * explained, labels
 
-    starts = map_in_threads(label, (True,) if films[0] else (False, True))
+    starts = map_in_threads(label, (False, True) if film is None else (True,))
     return max(starts, key=itemgetter(0))[1]
 
 

@@ -22,8 +22,8 @@ from psfs.voxels.host_voxels import voxel_silhouette
 
 #: Least share of a part that must lie within the volume for the part to count whole.
 _MOSTLY = 0.4
-#: Side, px, of the squares of pixels of which one ray is compared with the volume.
-_APART = 4
+#: Distance, px, between the rays that are compared with the volume.
+_RAY_SPACING = 4
 
 
 class Checker:
@@ -119,10 +119,12 @@ def volume_region(rig: CameraRig, grid: VoxelGrid) -> np.ndarray:
 
 
 def _hits_box(camera: Camera, grid: VoxelGrid, shape: tuple[int, int]) -> np.ndarray:
-    """Return the pixels (H, W) bool whose ray meets the box (slab method), one ray for each square
-    of `_APART` pixels."""
+    """Return the pixels (H, W) bool whose ray meets the box (slab method). Squares of pixels with
+    sides of `_RAY_SPACING` share one ray."""
     (width, height), region = camera.size, np.zeros(shape, bool)
-    u, v = np.meshgrid(*(np.arange(0, side, _APART) + _APART / 2 for side in camera.size))
+    u, v = np.meshgrid(
+        *(np.arange(0, side, _RAY_SPACING) + _RAY_SPACING / 2 for side in camera.size)
+    )
     directions = camera.rays(np.stack([u, v], -1).reshape(-1, 2))
     with np.errstate(divide="ignore", invalid="ignore"):
         to_low = (grid.low - camera.centre) / directions
@@ -131,5 +133,5 @@ def _hits_box(camera: Camera, grid: VoxelGrid, shape: tuple[int, int]) -> np.nda
     enter = reduce(np.fmax, np.minimum(to_low, to_high).T)
     leave = reduce(np.fmin, np.maximum(to_low, to_high).T)
     met = ((leave >= enter) & (leave > 0)).reshape(u.shape)
-    region[:height, :width] = met.repeat(_APART, 0).repeat(_APART, 1)[:height, :width]
+    region[:height, :width] = met.repeat(_RAY_SPACING, 0).repeat(_RAY_SPACING, 1)[:height, :width]
     return region

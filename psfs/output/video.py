@@ -98,5 +98,6 @@ def count_frames(path: Path) -> int:
 def _pad_to_even(picture: np.ndarray) -> np.ndarray:
     """Repeat the last row and column of a picture with odd sides: H.264 needs even ones."""
     height, width = picture.shape[:2]
-    rim = 0, height % 2, 0, width % 2
-    return np.asarray(cv2.copyMakeBorder(picture, *rim, cv2.BORDER_REPLICATE))
+    return np.asarray(
+        cv2.copyMakeBorder(picture, 0, height % 2, 0, width % 2, cv2.BORDER_REPLICATE)
+    )
