@@ -109,7 +109,7 @@ def _examined_once() -> Generator[None, None, None]:
 @pytest.fixture
 def quick_start(monkeypatch: pytest.MonkeyPatch) -> None:
     """An automatic start with a small search, where any start will do: 2 s instead of 8."""
-    small = StartConfig(n_frames=4, n_searched=1, n_headings=4, n_kept=1)
+    small = StartConfig(n_frames=4, n_searched=1, n_headings=4)
     monkeypatch.setattr("apf.initialisation.sequence.StartConfig", lambda: small)
 
 

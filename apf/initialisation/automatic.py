@@ -17,7 +17,7 @@ from apf.filters.config import FilterConfig
 from apf.initialisation.body_fit import Cloud, Fitted, SurfaceEvidence, fit_body
 from apf.initialisation.kept_voxels import LEAST_VOXELS, cut_by_height, select_person_points
 from apf.initialisation.shape_model import ShapeModel, inner_axes
-from apf.initialisation.start import RIVAL, Start, StartConfig, StartError, check_startable
+from apf.initialisation.start import Start, StartConfig, StartError, check_startable
 from apf.likelihood.observations import AnyVoxels
 from apf.scene import Scene
 from psfs.common.progress import map_in_threads, one_blas_thread
@@ -30,10 +30,8 @@ _PART_MARGIN = 0.1
 #: other axes as a share of what their limits span.
 _PLACE, _TILT, _BEND = 0.08, 0.15, 0.2
 #: Share by which the cost grows if the person moves backwards, which people seldom do, and the
-#: distance, m, that they must move for that.
-_BACKWARDS, _LEAST_WAY = 0.25, 0.25
-#: Ratio to the least cost up to which headings are followed.
-_CLOSE = 1.4
+#: speed, m/s, from which on that counts: slower, they shift their weight.
+_BACKWARDS, _LEAST_SPEED = 0.25, 0.25
 #: Power of the misfit in the cost: a limb in the air costs little in the pictures; the voxels show
 #: better where it is.
 _MISFIT_POWER = 0.3
@@ -111,11 +109,7 @@ def find_start(
         )  # fmt: skip
 
     factors = [each.cost / best.cost for each in rivals]
-    others = [
-        make_start(each, factor)
-        for each, factor in zip(rivals, factors, strict=True)
-        if factor <= RIVAL
-    ]
+    others = [make_start(*each) for each in zip(rivals, factors, strict=True)]
     return make_start(best, min(factors, default=np.inf), others)
 
 
@@ -204,12 +198,12 @@ class _Search:
         self.model, self._voxels, self._clouds = ShapeModel(scene.body), voxels, clouds
         self._height = None if keep_shape else height
         self._free = np.full(len(self.model.deviation), not keep_shape)
-        self._way = (np.median(clouds[-1].points, 0) - np.median(clouds[0].points, 0))[:2]
+        self._velocity = (np.median(clouds[-1].points, 0) - np.median(clouds[0].points, 0))[:2]
         self._trackers = Trackers(scene)
 
     def try_headings(self, config: StartConfig) -> tuple[int, list[Hypothesis]]:
-        """Return the frame in which the search over all headings fits best, and its best hypotheses
-        with different headings, of one pose each."""
+        """Return the frame in which the search over all headings fits best, and its best hypothesis
+        and the best one that faces away from that one, of one pose each."""
         headings = np.arange(config.n_headings) * 2 * np.pi / config.n_headings
         wide = self.config.with_changes(noise=1.0, trunk_layers=0)
         tried = {round(k) for k in np.linspace(0, len(self._clouds) - 1, config.n_searched)}
@@ -225,9 +219,7 @@ class _Search:
                 tracker.start(standing_pose(body, cloud, heading))
                 found.append(self._judge(shape, [tracker.step(self._voxels[frame])]))
                 self.progress()
-            distinct = select_distinct(self.body, found, 2 * np.pi / config.n_headings)
-            close = [each for each in distinct if each.cost <= _CLOSE * distinct[0].cost]
-            best[frame] = close[: config.n_kept]
+            best[frame] = select_distinct(self.body, found, 2 * np.pi / 3)[:2]
         anchor = min(best, key=lambda frame: best[frame][0].cost)
         return anchor, best[anchor]
 
@@ -295,7 +287,7 @@ class _Search:
         poses = np.stack([estimate.pose for estimate in estimates])
         errors = [estimate.least_error[-1] for estimate in estimates]
         misfit = float(np.mean([estimate.misfit for estimate in estimates]))
-        cost = fit_cost(errors, misfit) * walking_factor(self.body, poses, self._way)
+        cost = fit_cost(errors, misfit, walking_factor(self.body, poses, self._velocity))
         return Hypothesis(shape, poses, misfit, cost, int(np.argmin(errors)))
 
     @property
@@ -342,7 +334,7 @@ def select_distinct(
     kept: list[Hypothesis] = []
     for hypothesis in sorted(hypotheses, key=lambda h: h.cost):
         cosines = [
-            forward(template, hypothesis.poses[better.best]) @ forward(template, better.pose)
+            forward(template, np.stack([hypothesis.poses[better.best], better.pose])).prod(0).sum()
             for better in kept
         ]
         if all(cosine < np.cos(separation) for cosine in cosines):
@@ -350,24 +342,28 @@ def select_distinct(
     return kept
 
 
-def forward(body: BodyModel, pose: np.ndarray) -> np.ndarray:
-    """Return the (2,) horizontal direction, of length 1, in which the root's x axis points."""
-    direction = bone_matrices(body, pose[None])[0][0, 0, :2, 0]
-    return direction / np.linalg.norm(direction)
+def forward(body: BodyModel, poses: np.ndarray) -> np.ndarray:
+    """Return the horizontal directions (M, 2), of length 1, in which the root's x axis points in
+    poses (M, D)."""
+    directions = bone_matrices(body, poses)[0][:, 0, :2, 0]
+    return directions / np.linalg.norm(directions, axis=1, keepdims=True)
 
 
-def fit_cost(errors: np.ndarray | Sequence[float], misfit: float) -> float:
-    """Return the cost of poses with these errors, see `Likelihood.errors`, and this mean misfit."""
-    return float(np.mean(errors)) * misfit**_MISFIT_POWER
+def fit_cost(errors: np.ndarray | Sequence[float], misfit: float, walking: float) -> float:
+    """Return the cost of poses with these errors, see `Likelihood.errors`, this mean misfit, and
+    this `walking_factor`."""
+    return float(np.mean(errors)) * misfit**_MISFIT_POWER * walking
 
 
-def walking_factor(body: BodyModel, poses: np.ndarray, way: np.ndarray) -> float:
-    """Return the cost factor of poses (M, D) of a person who moves by `way` (2,) m: 1 if the person
-    faces the direction of motion or hardly moves, higher if they move sideways or backwards."""
-    length = float(np.linalg.norm(way))
-    if length < _LEAST_WAY:
+def walking_factor(body: BodyModel, poses: np.ndarray, velocities: np.ndarray) -> float:
+    """Return the cost factor of poses (M, D) of a person with these velocities (M, 2) or (2,), m/s:
+    1 if they face the direction of motion or hardly move, higher if they move sideways or
+    backwards."""
+    velocities = np.broadcast_to(velocities, (len(poses), 2))
+    speeds = np.linalg.norm(velocities, axis=1)
+    if not (moving := speeds >= _LEAST_SPEED).any():
         return 1.0
-    ahead = np.mean([forward(body, pose) for pose in poses], 0) @ way / length
+    ahead = (forward(body, poses) * velocities).sum(1)[moving].sum() / speeds[moving].sum()
     return 1 + _BACKWARDS * (1 - float(ahead)) / 2
 
 

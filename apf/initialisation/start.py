@@ -33,7 +33,6 @@ class StartConfig(Config):
         4, "Number of these frames that are searched over all headings, first and last among them."
     )
     n_headings: int = natural(8, "Number of headings from which the search begins, evenly around.")
-    n_kept: int = natural(3, "Number of best headings that are followed through the frames.")
     #: A visual hull of few cameras is thicker than the person, so that a wrongly turned or bent
     #: body fills it as well. Silhouettes and edges therefore have more weight than in tracking.
     filter: FilterConfig = Field(
@@ -47,9 +46,8 @@ class StartConfig(Config):
     )
 
 
-#: Factor of the cost up to which a start with another heading is followed through the take, which
-#: decides between them, and below which it makes this one doubtful.
-RIVAL, _DOUBTFUL = 1.25, 1.05
+#: Factor of the cost of a start with another heading below which it makes this one doubtful.
+_DOUBTFUL = 1.05
 #: Standard deviations of people's girth beyond which hardly anybody stands or walks.
 _STOUT = 3.0
 
@@ -65,8 +63,8 @@ class Start:
     template, shape: the body before and the logs of the scales (S,) that fit it to the person, see
     `ShapeModel`. poses: (M, D) in the frames with the numbers `frames`. best: which of them fits
     best. rival: cost of the best start with another heading, divided by that of this one; infinite
-    if there is none. seen: m, height of the visible part of the person. rivals: the starts with
-    other headings that cost up to `RIVAL` times as much.
+    if there is none. seen: m, height of the visible part of the person. rivals: the start that
+    faces away from this one, if there is one; the whole take decides between them.
     """
 
     template: BodyModel

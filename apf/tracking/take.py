@@ -13,12 +13,12 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
-from apf.body.kinematics import posed_joints
+from apf.body.kinematics import bone_matrices, posed_joints
 from apf.body.limbs import limb_ends
 from apf.body.model import BodyModel
 from apf.filters.method import Method
 from apf.filters.term_weights import list_comparing_weights
-from apf.initialisation.automatic import fit_cost, refit_start
+from apf.initialisation.automatic import fit_cost, refit_start, walking_factor
 from apf.initialisation.from_keypoints import KeypointStart, start_from_keypoints
 from apf.initialisation.kept_voxels import LEAST_VOXELS, select_person_points
 from apf.initialisation.load import add_load, find_load
@@ -53,6 +53,8 @@ _COMPARED_RATE = 20.0
 #: Frames of the take to which the body of a start is fitted, and times at most; ratio of costs
 #: below which one fits better than another, and mean change of the joints, m, that matters.
 _FITTED_FRAMES, _REFITS, _COST_RATIO, _LEAST_CHANGE = 20, 3, 0.97, 0.01
+#: Time, s, of a step when walking, over which velocities are measured.
+_STEP = 0.5
 #: Share by which the qualities of frames differ that are alike: one person's voxels differ so.
 _ALIKE = 0.1
 #: Largest distance, m, of a given first pose from the volume.
@@ -226,8 +228,8 @@ def _expect_body(started: StartedTake, first: Take) -> TrackingTask:
 def choose_starts(
     started: Items[StartedTake], progress: Callable[[str], object] | None = None
 ) -> list[StartedTake]:
-    """Return the starts, or in place of one that of its rivals, with another heading or in another
-    frame, whose body fits best to the whole take: all are tracked through it, see `_try_starts`.
+    """Return the starts, or in place of one that of its rivals, facing away or in another frame,
+    whose body fits best to the whole take: all are tracked through it, see `_try_starts`.
     The `rival` of a start is then that of the take. Its body, of which what the person carries
     becomes a part, is fitted to frames all over the take, and tracked again, for as long as it fits
     better. Raises UserError and KeyboardInterrupt."""
@@ -283,12 +285,23 @@ def _try_starts(
             raise result.error
         if result is None or result.tracks[0].interrupted:
             raise KeyboardInterrupt
-        diagnostics = result.tracks[0].diagnostics
-        misfit = float(np.mean(diagnostics["misfit"]))
-        cost = fit_cost(-diagnostics["best_log_weight"], misfit)
-        return _Try(take, result.tracks[0], cost)
+        track = result.tracks[0]
+        misfit = float(np.mean(track.diagnostics["misfit"]))
+        walking = walking_factor(take.task.body, track.poses, _measure_velocities(track))
+        cost = fit_cost(-track.diagnostics["best_log_weight"], misfit, walking)
+        return _Try(take, track, cost)
 
     return {number: [judge(take) for take in takes] for number, takes in starts.items()}
+
+
+def _measure_velocities(track: Track) -> np.ndarray:
+    """Return the horizontal velocities (F, 2), m/s, of the root, each over a step; 0 where it is
+    lost."""
+    roots, times = bone_matrices(track.its_body, track.poses)[1][:, 0, :2], track.times
+    before = np.searchsorted(times, times - _STEP / 2)
+    after = np.searchsorted(times, times + _STEP / 2, side="right") - 1
+    seconds = np.maximum(times[after] - times[before], 1 / track.fps)
+    return (roots[after] - roots[before]) / seconds[:, None] * ~track.lost[:, None]
 
 
 def _choose(tries: Items[_Try]) -> _Try:

@@ -143,7 +143,7 @@ def test_hypotheses_that_go_on_look_in_different_directions() -> None:
 
     every = [looking(a, b) for a, b in ((0, 3), (20, 1), (190, 4), (150, 2), (250, 5))]
     assert [h.cost for h in select_distinct(SONG, every, 0.8)] == [1, 2, 5]
-    np.testing.assert_allclose(forward(SONG, looking(90, 0).poses[0]), [0, 1], atol=1e-12)
+    np.testing.assert_allclose(forward(SONG, looking(90, 0).poses), [[0, 1]], atol=1e-12)
 
 
 def test_a_start_is_in_the_frame_that_it_fits_best(
@@ -190,6 +190,8 @@ def test_people_look_where_they_go() -> None:
     factors = [walking_factor(SONG, pose, np.array(way)) for way in ((0.5, 0), (0, 0.5), (-0.5, 0))]
     assert pytest.approx(factors[0]) == 1 and factors[0] < factors[1] < factors[2]
     assert walking_factor(SONG, pose, np.array([-0.1, 0.0])) == 1
+    turning = np.array([[0.5, 0.0], [-0.5, 0.0], [-0.2, 0.0]])
+    assert walking_factor(SONG, np.tile(pose, (3, 1)), turning) == pytest.approx(factors[1])
 
 
 def test_standing_on_the_floor() -> None:
@@ -198,7 +200,7 @@ def test_standing_on_the_floor() -> None:
     points = surface(SONG, pose)
     stood = standing_pose(SONG, Cloud(points), np.pi / 3)
     np.testing.assert_allclose(stood[:3], pose[:3], atol=0.06)
-    np.testing.assert_allclose(forward(SONG, stood), [0.5, np.sqrt(0.75)], atol=1e-9)
+    np.testing.assert_allclose(forward(SONG, stood[None])[0], [0.5, np.sqrt(0.75)], atol=1e-9)
 
 
 def test_what_speaks_against_a_start() -> None:

@@ -26,7 +26,7 @@ TRACKED = "rymut31_upper"
 METHOD = Method.create(n_particles=100, n_layers=6, part_colour_weight=0.0)  # no pictures
 #: A small search: these voxels are exact, and the heading is clear. The filter is that of the
 #: recovery, whose kernels are compiled for it once.
-FAST = StartConfig(n_headings=4, n_kept=1, filter=METHOD.filter)
+FAST = StartConfig(n_headings=4, filter=METHOD.filter)
 
 
 def error(body: BodyModel, pose: np.ndarray, true: np.ndarray) -> float:

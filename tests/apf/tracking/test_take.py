@@ -183,6 +183,28 @@ def test_the_take_decides_between_starts(monkeypatch: pytest.MonkeyPatch) -> Non
     assert chosen.task.frame == 7
 
 
+@pytest.mark.parametrize(("error", "frame"), [(9.5, 4), (7.5, 5)])
+def test_people_walk_forward(monkeypatch: pytest.MonkeyPatch, error: float, frame: int) -> None:
+    """Who faces away and moves backwards through the take must fit clearly better."""
+    track = walker()
+    poses = track.poses + np.pi * np.eye(len(track.dof_names))[track.dof_names.index("pelvis.rz")]
+
+    def with_error(error: float, poses: np.ndarray) -> Tracked:
+        errors = {
+            "best_log_weight": np.full((len(track), 1), -error),
+            "misfit": np.ones(len(track)),
+        }
+        return Tracked([replace(track, poses=poses, diagnostics=errors)])
+
+    both = [with_error(10.0, track.poses), with_error(error, poses)]
+    monkeypatch.setattr(take, "track_people", lambda *args: both)
+    monkeypatch.setattr(take, "_refit", lambda *args: [])
+    start = replace(start_in(track, 4), rivals=(start_in(track, 5),))
+    task = TrackingTask(start.body, start.pose, Method(), [0], frame=4)
+    (chosen,) = choose_starts([StartedTake(session_of({}), task, start, True)])
+    assert chosen.task.frame == frame
+
+
 @pytest.mark.parametrize(("costs", "sought_anew"), [((0.5, 0.49), True), ((0.5, 0.4), False)])
 def test_what_the_person_carries_becomes_a_part_of_the_body(
     monkeypatch: pytest.MonkeyPatch, costs: tuple[float, float], sought_anew: bool
