@@ -31,9 +31,9 @@ _PART_MARGIN = 0.1
 _PLACE, _TILT, _BEND = 0.08, 0.15, 0.2
 #: Share by which the cost grows if the person moves backwards, which people seldom do, and the
 #: speed, m/s, from which on that counts: slower, they shift their weight.
-_BACKWARDS, _LEAST_SPEED = 0.25, 0.25
-#: Power of the misfit in the cost: a limb in the air costs little in the pictures; the voxels show
-#: better where it is.
+_BACKWARDS, _LEAST_SPEED = 0.5, 0.25
+#: Power of the misfit in the cost of single frames: a limb in the air costs little in the pictures;
+#: the voxels show better where it is.
 _MISFIT_POWER = 0.3
 #: Misfit, see `apf.likelihood.base`, above which no body was found.
 _HOPELESS = 0.9
@@ -287,7 +287,8 @@ class _Search:
         poses = np.stack([estimate.pose for estimate in estimates])
         errors = [estimate.least_error[-1] for estimate in estimates]
         misfit = float(np.mean([estimate.misfit for estimate in estimates]))
-        cost = fit_cost(errors, misfit, walking_factor(self.body, poses, self._velocity))
+        cost = float(np.mean(errors)) * misfit**_MISFIT_POWER
+        cost *= walking_factor(self.body, poses, self._velocity)
         return Hypothesis(shape, poses, misfit, cost, int(np.argmin(errors)))
 
     @property
@@ -347,12 +348,6 @@ def forward(body: BodyModel, poses: np.ndarray) -> np.ndarray:
     poses (M, D)."""
     directions = bone_matrices(body, poses)[0][:, 0, :2, 0]
     return directions / np.linalg.norm(directions, axis=1, keepdims=True)
-
-
-def fit_cost(errors: np.ndarray | Sequence[float], misfit: float, walking: float) -> float:
-    """Return the cost of poses with these errors, see `Likelihood.errors`, this mean misfit, and
-    this `walking_factor`."""
-    return float(np.mean(errors)) * misfit**_MISFIT_POWER * walking
 
 
 def walking_factor(body: BodyModel, poses: np.ndarray, velocities: np.ndarray) -> float:

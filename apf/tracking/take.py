@@ -18,7 +18,7 @@ from apf.body.limbs import limb_ends
 from apf.body.model import BodyModel
 from apf.filters.method import Method
 from apf.filters.term_weights import list_comparing_weights
-from apf.initialisation.automatic import fit_cost, refit_start, walking_factor
+from apf.initialisation.automatic import refit_start, walking_factor
 from apf.initialisation.from_keypoints import KeypointStart, start_from_keypoints
 from apf.initialisation.kept_voxels import LEAST_VOXELS, select_person_points
 from apf.initialisation.load import add_load, find_load
@@ -286,10 +286,9 @@ def _try_starts(
         if result is None or result.tracks[0].interrupted:
             raise KeyboardInterrupt
         track = result.tracks[0]
-        misfit = float(np.mean(track.diagnostics["misfit"]))
         walking = walking_factor(take.task.body, track.poses, _measure_velocities(track))
-        cost = fit_cost(-track.diagnostics["best_log_weight"], misfit, walking)
-        return _Try(take, track, cost)
+        error, misfit = -track.diagnostics["best_log_weight"], track.diagnostics["misfit"]
+        return _Try(take, track, float(error.mean() * misfit.mean()) * walking)
 
     return {number: [judge(take) for take in takes] for number, takes in starts.items()}
 
