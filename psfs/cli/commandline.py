@@ -28,7 +28,6 @@ class _State:
     """State of the running command's messages, from its flags."""
 
     running: bool = False
-    quiet: bool = False
     log: Console | None = None
 
 
@@ -70,7 +69,7 @@ stdout, stderr = Messages(), Messages(stderr=True)
 
 def warn(text: str, stream: Messages = stderr) -> None:
     """Print a warning on `stream`; with --quiet on standard error."""
-    remark("warning", "yellow", text, stderr if _state.quiet else stream)
+    remark("warning", "yellow", text, stderr if stdout.quiet else stream)
 
 
 def remark(kind: str, style: str, text: str, stream: Messages = stdout) -> None:
@@ -113,13 +112,11 @@ def messages(args: argparse.Namespace) -> Iterator[None]:
             stack.callback(root.removeHandler, handler)
         stack.callback(root.setLevel, level_before)
         root.setLevel(logging.INFO if args.verbose or log else logging.WARNING)
-        _state.running, _state.quiet, _state.log = True, args.quiet, log
-        stdout.quiet = args.quiet
+        _state.running, _state.log, stdout.quiet = True, log, args.quiet
         try:
             yield
         finally:
-            _state.running, _state.quiet, _state.log = False, False, None
-            stdout.quiet = False
+            _state.running, _state.log, stdout.quiet = False, None, False
 
 
 def has_log() -> bool:
@@ -169,16 +166,11 @@ def add_message_flags(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def is_quiet() -> bool:
-    """Return whether --quiet is set."""
-    return _state.quiet
-
-
 def progress_bar() -> Progress:
     """Return a progress bar for long work, on standard error."""
     from psfs.cli.console import make_progress_bar
 
-    return make_progress_bar(stderr.console, _state.quiet)
+    return make_progress_bar(stderr.console, stdout.quiet)
 
 
 def make_table(title: str, names: Sequence[str], figures: Sequence[str]) -> Table:

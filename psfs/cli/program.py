@@ -14,7 +14,7 @@ import tempfile
 import threading
 import time
 import traceback
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from importlib import import_module
@@ -48,39 +48,32 @@ _NEGATIVE = re.compile(r"-([xyz]$|[\d.])")
 
 @dataclass(frozen=True)
 class Command:
-    """A subcommand. help: one line. request: "module:class" of its request. work: the module whose
-    `run(request)` runs it. Both are imported when they are needed. group: heading of --help."""
+    """A subcommand of a package's program. NAME takes the request `package.request.NAMERequest`;
+    `run(request)` of `package.cli.NAME` does its work. Both modules are imported when they are
+    needed. help: one line. group: heading of --help."""
 
+    package: str
     name: str
     help: str
-    request: str
-    work: str
     group: str = ""
 
     @property
     def kind(self) -> type[Request]:
         """The class of its request."""
-        module, _, name = self.request.partition(":")
-        kind: type[Request] = getattr(import_module(module), name)
+        module = import_module(f"{self.package}.request")
+        kind: type[Request] = getattr(module, f"{self.name.capitalize()}Request")
         return kind
 
     def run(self, request: Request) -> None:
         """Check the request, import the work and run it. Raises UserError."""
         request.check_folders()
-        import_module(self.work).run(request)
+        import_module(f"{self.package}.cli.{self.name}").run(request)
 
 
 def list_commands(package: str, groups: Mapping[str, Mapping[str, str]]) -> tuple[Command, ...]:
-    """Return the commands of a package's program from their names and one-line helps, in groups;
-    NAME takes the request `package.request.NAMERequest`, and its work is in `package.cli.NAME`."""
+    """Return the commands of a package's program from their names and one-line helps, in groups."""
     return tuple(
-        Command(
-            name,
-            text,
-            f"{package}.request:{name.capitalize()}Request",
-            f"{package}.cli.{name}",
-            group,
-        )
+        Command(package, name, text, group)
         for group, helps in groups.items()
         for name, text in helps.items()
     )
@@ -410,15 +403,11 @@ def _is_memory_of_opencv(error: Exception) -> bool:
     return cv2 is not None and isinstance(error, cv2.error) and error.code == cv2.Error.StsNoMem
 
 
-@contextlib.contextmanager
-def _interrupt_on_signals() -> Iterator[None]:
+def _interrupt_on_signals() -> contextlib.AbstractContextManager[None]:
     """Raise KeyboardInterrupt inside, in the main thread, on the signals of `_ENDING`."""
     if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-
-    with handle_signals(interrupt, _ENDING):
-        yield
+        return contextlib.nullcontext()
+    return handle_signals(interrupt, _ENDING)
 
 
 def _say(text: str) -> None:
