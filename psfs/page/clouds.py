@@ -5,12 +5,13 @@ its footage.
 from __future__ import annotations
 
 import threading
+from abc import ABC, abstractmethod
 from collections import OrderedDict
 from collections.abc import Callable, Iterator
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
@@ -123,25 +124,27 @@ class Surface:
         return len(self.glb)
 
 
-class Clouds(Protocol):
+class Clouds(ABC):
     """The voxels of frames, by the frames' numbers, in one grid. colourings: what their colour can
     show, those of COLOURINGS."""
 
     grid: VoxelGrid
-    colourings: tuple[str, ...]
+    colourings: tuple[str, ...] = COLOURINGS[:1]
 
+    @abstractmethod
     def get(self, frame: int) -> Points | Surface | None:
         """Return the voxels of a frame; None as long as they are not known."""
 
-    def choose_colouring(self, colouring: str) -> None:
-        """Have colours show something else from now on."""
-
+    @abstractmethod
     def describe(self, frame: int) -> str:
         """Return what is known of a frame's voxels, for the page; empty if there is nothing to
         say."""
 
-    def close(self) -> None:
-        """End all work in the background."""
+    def choose_colouring(self, colouring: str) -> None:  # noqa: B027
+        """Have colours show something else from now on, if there is a choice."""
+
+    def close(self) -> None:  # noqa: B027
+        """End all work in the background, if there is any."""
 
 
 def grid_centre(grid: VoxelGrid) -> np.ndarray:
@@ -225,13 +228,13 @@ class KeptPoints:
                 self.nbytes -= self._points.popitem(last=False)[1].nbytes
 
 
-class StoredClouds:
+class StoredClouds(Clouds):
     """The clouds that `psfs reconstruct` wrote, read when they are shown.
 
     mesher: makes the mesh of a frame's cloud, which is shown in its place.
     """
 
-    colourings: tuple[str, ...] = COLOURINGS
+    colourings = COLOURINGS
 
     def __init__(
         self,
@@ -268,18 +271,13 @@ class StoredClouds:
         facts = self._facts[frame]
         return f"{facts['surface_voxels']:,} voxels, {1e3 * facts['volume_m3']:.3g} l"
 
-    def close(self) -> None:
-        """Do nothing: there is no work in the background."""
 
-
-class CarvedClouds:
+class CarvedClouds(Clouds):
     """The clouds of a track's frames, carved again by a thread from the first frame on.
 
     carve: returns an iterator over frames' numbers and clouds in `grid`; its first step may take
     seconds. known: called after each frame.
     """
-
-    colourings: tuple[str, ...] = COLOURINGS[:1]
 
     def __init__(
         self,
@@ -304,9 +302,6 @@ class CarvedClouds:
     def want(self, wanted: bool) -> None:
         """Begin or go on carving; or pause."""
         (self._wanted.set if wanted else self._wanted.clear)()
-
-    def choose_colouring(self, colouring: str) -> None:
-        """Do nothing: they have only the pictures' colours."""
 
     def describe(self, frame: int) -> str:
         """Return how many frames are carved; empty if all are, and there is room for this one's."""

@@ -104,11 +104,6 @@ def look(server: viser.ViserServer, look_at: np.ndarray, position: np.ndarray) -
             client.camera.position, client.camera.look_at = position, look_at
 
 
-def page_address(server: viser.ViserServer, gate: Gate) -> str:
-    """Return the address of the page, with the token."""
-    return f"http://{HOST}:{server.get_port()}/{gate.token}/"
-
-
 def read_choice(dropdown: Any) -> str:
     """Return the value of a drop-down. Raises InputError if it is none of its options: what a
     browser sends may be anything."""
@@ -191,7 +186,7 @@ class BrowserPage:
     @property
     def address(self) -> str:
         """The page's address, with its token."""
-        return page_address(self.server, self.gate)
+        return f"http://{HOST}:{self.server.get_port()}/{self.gate.token}/"
 
     def stop(self) -> None:
         """End the server."""
