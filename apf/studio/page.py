@@ -26,6 +26,7 @@ from psfs.page.drop import receive_files
 from psfs.page.server import BrowserPage
 from psfs.page.watch import Watch
 from psfs.page.words import make_lines, make_steps, make_text
+from psfs.request import parse_sync
 from psfs.sequence import Sequence
 
 if TYPE_CHECKING:
@@ -316,12 +317,9 @@ class Page(BrowserPage):
             watch.show_carved(frame)
 
 
-def _read_times(cameras: Path) -> dict[str, dict[str, int]]:
+def _read_times(cameras: Path) -> dict[str, Any]:
     """Return how late the cameras of a calibration by a person are, as the setting `sync`; nothing
     for other calibrations."""
     report = cameras.with_suffix(".json")
     late = read_json(report, "a report").get("sync") if report.is_file() else None
-    if not isinstance(late, str):
-        return {}
-    pairs = (pair.partition("=") for pair in late.split(","))
-    return {"sync": {name: int(frames) for name, _, frames in pairs}}
+    return {"sync": parse_sync(late)} if isinstance(late, str) else {}
