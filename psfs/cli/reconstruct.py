@@ -15,6 +15,7 @@ from cl import Device, InputError, UserError, select_device
 from psfs.cli.commandline import progress_bar, stdout, warn
 from psfs.common.files import write_json, write_picture
 from psfs.common.outputs import PART_SECONDS, OutputFolder, output_folder
+from psfs.common.ranges import check_number
 from psfs.common.requests import SETTINGS, write_settings
 from psfs.common.system import versions
 from psfs.diagnostics.reprojection_iou import (
@@ -49,8 +50,7 @@ _FINE = 2.0
 
 
 def run(request: ReconstructRequest) -> None:
-    if not 0 <= request.debris <= 1:
-        raise InputError(f"--debris is {request.debris}; expected a share between 0 and 1")
+    check_number("--debris, a share,", request.debris, 0, 1)
     expected = (
         reconstruction_folder.SUMMARY,
         "preview.png",

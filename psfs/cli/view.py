@@ -12,6 +12,7 @@ from cl import InputError, select_device
 from psfs.cli.commandline import stdout, warn
 from psfs.common.files import check_picture_name, write_picture
 from psfs.common.outputs import output_folder
+from psfs.common.ranges import check_number
 from psfs.mesh.marching_cubes import Mesher
 from psfs.mesh.preview import draw_mesh_preview
 from psfs.output.preview import draw_preview
@@ -22,6 +23,8 @@ from psfs.page.watch import ViewPage, Watch
 from psfs.request import PageRequest, ViewRequest
 from psfs.sequence import Frame, Sequence
 
+#: Numbers that --port may be; 0 is any that is free.
+PORTS = 0, 65535
 #: Opens a run; see `ViewPage`.
 OpenRun = Callable[[Callable[[int], object]], Opened]
 
@@ -61,7 +64,7 @@ def show_page(
     request: ViewRequest, open_run: OpenRun, frame: int | None, watch: type[Watch] = Watch
 ) -> None:
     """Show a run on a page until Ctrl-C, beginning with `frame`; watch: the class that shows it."""
-    check_port(request)
+    check_number("--port", request.port, *PORTS)
     try:
         page = ViewPage(open_run, frame=frame, watch=watch, port=request.port)
     except MissingViserError as error:
@@ -79,12 +82,6 @@ def draw_run(request: ViewRequest, run: ReconstructionFolder, frame: Frame) -> n
     if mesher is None or not len(cloud):
         return draw_preview(cloud, sequence.rig, frame, title)
     return draw_mesh_preview(mesher(frame.index), sequence.rig, frame, title)
-
-
-def check_port(request: PageRequest) -> None:
-    """Raise InputError for a --port that is none."""
-    if not 0 <= request.port <= 65535:
-        raise InputError(f"--port is {request.port}; expected 0 (any) to 65535")
 
 
 def serve(page: BrowserPage, request: PageRequest) -> None:
