@@ -65,10 +65,7 @@ def read_summary(folder: Path) -> dict[str, Any]:
     MissingFileError."""
     path, what = folder / SUMMARY, "the summary of an `apf track`"
     summary: dict[str, Any] = read_json(path, what)
-    try:
-        parse_values(_Summary, summary)
-    except InputError as error:
-        raise InputError(f"{path}: not {what}: {error}") from None
+    parse_values(_Summary, summary, f"{path}: not {what}")
     return summary
 
 

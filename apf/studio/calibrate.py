@@ -114,12 +114,6 @@ class CalibrateView:
         if self.cameras.value in self._known:
             self._use(self._known[self.cameras.value])
 
-    def wait(self, seconds: float) -> None:
-        """Wait until what was started has ended, at most so long."""
-        if self._worker is not None:
-            self._worker.join(timeout=seconds)
-        self.slot.wait(seconds)
-
     def search(self) -> None:
         """Look for the target in all pictures, or in evenly spread ones of long footage."""
         self._stop_search()

@@ -154,7 +154,7 @@ class FilmView:
             ]
         named = zip(pictures, self._captures.rig.names, strict=True)
         fill_view(self._server, mosaic([label_picture(picture, name) for picture, name in named]))
-        self.words.content = make_lines([self._describe()]) + self._list_found()
+        self._tell()
 
     def close(self) -> None:
         """End a recording and all work, and remove everything from the page; the cameras go on."""
@@ -175,7 +175,7 @@ class FilmView:
             if frame is None:
                 if self._captures.ended:
                     self._note = "warning", self._captures.ended
-                    self.words.content = make_lines([self._describe()]) + self._list_found()
+                    self._tell()
                     return
                 continue
             shown = frame.index
@@ -250,20 +250,18 @@ class FilmView:
                 place.mkdir(parents=True, exist_ok=True)
                 write_picture(place / f"{number:03d}.png", picture)
 
-    def _list_found(self) -> str:
-        """Return what of the target, or of the person, was seen, HTML."""
+    def _tell(self) -> None:
+        """Say what is done, and what of the target, or of the person, was seen."""
+        found, line = "", self._note
         if self.mode.value == TARGET:
-            return self.found.describe(self.target.lenses_known)
-        if self.mode.value == PERSON and self.person is not None:
-            return self.person.describe()
-        return ""
-
-    def _describe(self) -> tuple[str, object]:
+            found = self.found.describe(self.target.lenses_known)
+        elif self.mode.value == PERSON and self.person is not None:
+            found = self.person.describe()
         if self._collecting:
-            return "note", f"the empty room: {len(self._empty)} of {_EMPTY} pictures"
-        if self._recorded is not None:
-            return "note", f"recording into {self._recorded[0].name}"
-        return self._note
+            line = "note", f"the empty room: {len(self._empty)} of {_EMPTY} pictures"
+        elif self._recorded is not None:
+            line = "note", f"recording into {self._recorded[0].name}"
+        self.words.content = make_lines([line]) + found
 
 
 class PersonCheck:

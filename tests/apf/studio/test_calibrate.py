@@ -74,11 +74,12 @@ def test_board_is_found_and_cameras_are_used(day: Path, page: Page) -> None:
     view.target.kind.value = CHARUCO
     view.target.squares.value, view.target.square.value = SQUARES, SQUARE
     view.search()
-    view.wait(600)
+    assert view._worker is not None
+    view._worker.join(600)
     assert "looked at all frames" in view.words.content and "cam" in view.words.content
     assert all(seen.frames >= 5 for seen in view.found.coverage)
     view.calibrate()
-    view.wait(600)
+    view.slot.wait(600)
     work = view.slot.work
     assert work is not None and work.succeeded, work and work.words
     cameras = view.cameras.value
