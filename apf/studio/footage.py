@@ -175,7 +175,7 @@ class FootageView(Watch):
             if not self._own_box.value:
                 self._set_corners(np.stack([volume.low, volume.high]))
         if not self._closed.is_set():
-            self._remarks.content = self._describe()
+            self.remarks.content = self._describe()
 
     def _show_person(self, examination: Examination) -> list[str]:
         """Show what each camera sees of the person, and how the cameras are in time; return what to

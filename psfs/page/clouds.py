@@ -201,10 +201,10 @@ def make_surface(mesh: trimesh.Trimesh, cloud: VoxelCloud, colouring: str) -> Su
 
 
 class KeptPoints:
-    """The voxels that were used last, up to `most` bytes. It may be used by several threads."""
+    """The voxels that were used last, up to KEPT_BYTES. It may be used by several threads."""
 
-    def __init__(self, most: int = KEPT_BYTES) -> None:
-        self._most, self._lock = most, threading.Lock()
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
         self._points: OrderedDict[int, Points | Surface] = OrderedDict()
         self.nbytes = 0
 
@@ -224,7 +224,7 @@ class KeptPoints:
             old = self._points.pop(frame, None)
             self.nbytes += points.nbytes - (old.nbytes if old else 0)
             self._points[frame] = points
-            while self.nbytes > self._most and len(self._points) > 1:
+            while self.nbytes > KEPT_BYTES and len(self._points) > 1:
                 self.nbytes -= self._points.popitem(last=False)[1].nbytes
 
 
@@ -240,10 +240,9 @@ class StoredClouds(Clouds):
         self,
         run: ReconstructionFolder,
         mesher: Callable[[int], trimesh.Trimesh] | None = None,
-        most: int = KEPT_BYTES,
     ) -> None:
-        self._run, self._mesher, self._most = run, mesher, most
-        self._kept, self._colouring = KeptPoints(most), COLOURINGS[0]
+        self._run, self._mesher = run, mesher
+        self._kept, self._colouring = KeptPoints(), COLOURINGS[0]
         self.grid = run.grid
         self._facts = {int(facts["index"]): facts for facts in run.summary["frames"]}
 
@@ -264,7 +263,7 @@ class StoredClouds(Clouds):
     def choose_colouring(self, colouring: str) -> None:
         """Have colours show something else from now on."""
         # In this order: what `get` keeps in the new place is coloured so.
-        self._colouring, self._kept = colouring, KeptPoints(self._most)
+        self._colouring, self._kept = colouring, KeptPoints()
 
     def describe(self, frame: int) -> str:
         """Return the size of a frame's cloud."""
@@ -285,10 +284,9 @@ class CarvedClouds(Clouds):
         n_frames: int,
         carve: Callable[[], Iterator[tuple[int, VoxelCloud]]],
         known: Callable[[int], object],
-        most: int = KEPT_BYTES,
     ) -> None:
         self.grid, self._n_frames = grid, n_frames
-        self._carve, self._known, self._kept = carve, known, KeptPoints(most)
+        self._carve, self._known, self._kept = carve, known, KeptPoints()
         self._ended, self._wanted, self._error = threading.Event(), threading.Event(), ""
         self._n_done = 0
         self._thread = threading.Thread(target=self._work, daemon=True, name="carving")

@@ -58,7 +58,8 @@ def test_body_stands_where_the_track_has_it(tmp_path: Path, page: Page) -> None:
     assert np.allclose(body.joints.points, track.joints[12], atol=1e-5)
     assert np.allclose(body.skeleton.points, track.joints[12][track.edges], atol=1e-5)
     assert body.trails.points.shape == (12 * len(set(body.ends)), 2, 3)
-    assert "frame 12" in watch.status and "<img" not in watch.status + watch.remarks
+    said = watch.status.content + watch.remarks.content
+    assert "frame 12" in said and "<img" not in said
     with pytest.raises(InputError, match="outside of the folders"):
         page.open(tmp_path.parent)
 
@@ -73,9 +74,9 @@ def test_lost_person_and_limbs_are_named(tmp_path: Path, page: Page) -> None:
     track.save(tmp_path / "run" / "track.npz")
     watch = watch_in(page, tmp_path / "run")
     watch.time_line.seek(3)
-    assert "doubtful" in watch.status
+    assert "doubtful" in watch.status.content
     watch.time_line.seek(5)
-    assert "the person is lost" in watch.status
+    assert "the person is lost" in watch.status.content
 
 
 def test_keys_and_buttons_move_the_time_line(tmp_path: Path, page: Page) -> None:
@@ -94,10 +95,10 @@ def test_keys_and_buttons_move_the_time_line(tmp_path: Path, page: Page) -> None
     assert line.playing and line.button.label == "pause"
     commands["home"]()
     assert not line.playing and line.position == 0 and line.button.label == "play"
-    assert "no pictures" in watch.remarks  # its footage is gone
+    assert "no pictures" in watch.remarks.content  # its footage is gone
     (tmp_path / "voxels" / "clouds" / "frame_000003.npz").write_bytes(b"damaged")
     line.seek(3)
-    assert "no voxels of frame 3" in watch.remarks and line.position == 3
+    assert "no voxels of frame 3" in watch.remarks.content and line.position == 3
 
 
 def test_what_a_browser_sends_for_a_file_is_one_of_the_options(tmp_path: Path, page: Page) -> None:
@@ -160,11 +161,11 @@ def test_several_people_are_shown_together(tmp_path: Path, page: Page) -> None:
         joints = watch.bodies[name].joints.points
         assert np.allclose(joints, tracks.walker(30).joints[row], atol=1e-5)
     watch.time_line.seek(40)
-    assert "person1: not tracked in this frame" in watch.status
+    assert "person1: not tracked in this frame" in watch.status.content
     shown = [page.server.scene.get_handle_by_name(f"/people/{n}").visible for n in (0, 1)]
     assert shown == [False, True]
     watch.time_line.seek(43)
-    assert "person2: not tracked in this frame" in watch.status
+    assert "person2: not tracked in this frame" in watch.status.content
     assert watch.opened.quality == (
         "person1: the track looks good",
         "person2: the track looks bad",

@@ -109,9 +109,9 @@ def test_footage_is_examined_and_its_silhouettes_are_drawn(page: Page, take: Pat
     page.open(take)
     footage = page.view
     assert isinstance(footage, FootageView)
-    assert "walk &lt;i&gt;" in footage.remarks and "cam01" in footage.remarks
-    wait_for(lambda: "examining" not in footage.remarks)
-    assert footage.volume is None and ">whole<" in footage.remarks
+    assert "walk &lt;i&gt;" in footage.remarks.content and "cam01" in footage.remarks.content
+    wait_for(lambda: "examining" not in footage.remarks.content)
+    assert footage.volume is None and ">whole<" in footage.remarks.content
     footage.drag_box(np.array([[0.9, -1.0, 2.0], [-1.0, 1.25, 0.0]]))
     assert footage.volume is not None
     assert np.allclose(footage.volume, [[-1.0, -1.0, 0.0], [0.9, 1.25, 2.0]])
