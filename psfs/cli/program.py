@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from cl import InputError, UserError
-from psfs.cli.commandline import add_message_flags, has_log, log_line, messages
+from psfs.cli.commandline import Messages, add_message_flags, log_line, messages
 from psfs.common.outputs import guard_files
 from psfs.common.ranges import escape_unprintable
 from psfs.common.system import (
@@ -290,7 +290,7 @@ def run_command(parser: argparse.ArgumentParser, argv: Sequence[str] | None = No
 
 def _run_logged(prog: str, args: argparse.Namespace, words: Sequence[str]) -> None:
     """Run the subcommand, and write its start and end into the log file."""
-    if has_log():
+    if Messages.log is not None:
         log_line(f"{prog} {' '.join(words)} ({version_line()})")
     try:
         args.run(args)
@@ -393,14 +393,9 @@ def describe_user_error(error: Exception) -> str | None:
         where = os.fsdecode(error.filename) if named else "standard output, or a file"
         return f"{where}: cannot be read or written: {error.strerror}"
     unmapped = isinstance(error, ImportError) and "failed to map segment" in str(error)
-    if isinstance(error, MemoryError) or unmapped:
-        return short
-    return short if _is_memory_of_opencv(error) else None
-
-
-def _is_memory_of_opencv(error: Exception) -> bool:
     cv2 = sys.modules.get("cv2")  # an error of OpenCV's comes from an imported OpenCV
-    return cv2 is not None and isinstance(error, cv2.error) and error.code == cv2.Error.StsNoMem
+    opencv = cv2 is not None and isinstance(error, cv2.error) and error.code == cv2.Error.StsNoMem
+    return short if isinstance(error, MemoryError) or unmapped or opencv else None
 
 
 def _interrupt_on_signals() -> contextlib.AbstractContextManager[None]:
