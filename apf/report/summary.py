@@ -16,7 +16,7 @@ from apf.body.stature import stature
 from apf.body.surface import Surface
 from apf.tracking.track import Track
 from cl import InputError
-from psfs.common.files import read_json
+from psfs.common.files import name_file_in_errors, read_json
 from psfs.common.schema import Positive, Table, Vector, parse_values
 from psfs.output.reconstruction_folder import SequenceFacts, reopen_sequence
 from psfs.sequence import Sequence
@@ -99,11 +99,9 @@ def read_tracked_grid(track: Track) -> VoxelGrid | None:
     stated = json.loads(track.provenance).get("grid")
     if stated is None:
         return None
-    try:
+    with name_file_in_errors("the track's grid"):
         found = parse_values(_Grid, stated)
         nx, ny, nz = found.shape
         grid = VoxelGrid(np.array(found.origin), found.voxel_size, (nx, ny, nz))
         check_size(grid)
-    except InputError as error:
-        raise InputError(f"the track's grid: {error}") from None
     return grid
