@@ -99,7 +99,7 @@ def compare_with_silhouettes(
     session: Session,
     grid: VoxelGrid,
     track: Track,
-    progress: Callable[[], object] | None = None,
+    progress: Callable[[], object] = lambda: None,
 ) -> Agreement:
     """Compare body and voxels in some frames of the track with the silhouettes that the voxels
     in `grid` were carved from, see `Session.iterate_carved`. progress: called after each frame."""
@@ -129,8 +129,7 @@ def compare_with_silhouettes(
     compared = list[tuple[Any, ...]]()
     for found in map_in_threads(compare, carved):
         compared.append(found)
-        if progress is not None:
-            progress()
+        progress()
     *figures, clouds = zip(*compared, strict=True)
     body_iou, voxel_iou, inside, explained = map(np.array, figures)
     return Agreement(rows, tuple(rig.names), body_iou, voxel_iou, inside, explained, clouds)
