@@ -131,7 +131,7 @@ def _print_board(request: CalibrateRequest) -> None:
 def _calibrate(request: CalibrateRequest) -> None:
     check_number("--height, m,", request.height, -10, 10)
     request = _read_board_file(request)
-    boards = _make_board_finders(request)
+    boards = make_board_finders(request)
     board = boards[0] if boards else None
     views = open_uncalibrated(request.folder or Path(), request.capture)
     chosen, floor = _choose_frames(request, views)
@@ -154,7 +154,7 @@ def _calibrate(request: CalibrateRequest) -> None:
     _write(request, views, result, warnings)
 
 
-def _make_board_finders(
+def make_board_finders(
     request: CalibrateRequest,
 ) -> list[CharucoFinder] | list[ChessboardFinder]:
     """Return the detectors of the boards; none for a wand. Raises InputError for flags that exclude
