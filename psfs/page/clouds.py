@@ -339,24 +339,20 @@ class CarvedClouds(Clouds):
 class Opened:
     """A run that is watched.
 
-    frames: (F,) numbers, ascending. sequence: the footage; None if it is gone. remarks: warnings,
-    for the page.
+    frames: (F,) numbers, ascending. box: lowest and highest corner (3,) m of what is shown, which
+    the floor lies under. sequence: the footage; None if it is gone. remarks: warnings, for the
+    page.
     """
 
     folder: Path
     frames: np.ndarray
     fps: float
+    box: tuple[np.ndarray, np.ndarray]
     sequence: Sequence | None
     clouds: Clouds | None
     remarks: tuple[str, ...] = ()
     voxels_shown: bool = True
     """Whether voxels are shown before the user chooses."""
-
-    @property
-    def box(self) -> tuple[np.ndarray, np.ndarray]:
-        """Lowest and highest corner (3,) m of what is shown, which the floor lies under."""
-        assert self.clouds is not None
-        return self.clouds.grid.low, self.clouds.grid.high
 
     def close(self) -> None:
         """End all work in the background."""
@@ -374,8 +370,8 @@ def open_voxels(folder: Path, mesher: Callable[[int], trimesh.Trimesh] | None = 
         raise InputError(f"{folder}: holds no reconstructed frame; expected at least one")
     sequence = try_footage(run.sequence, remarks)
     fps = float(run.summary["sequence"].get("fps") or 25.0)
-    clouds = StoredClouds(run, mesher)
-    return Opened(folder, np.array(run.indices), fps, sequence, clouds, tuple(remarks))
+    frames, box = np.array(run.indices), (run.grid.low, run.grid.high)
+    return Opened(folder, frames, fps, box, sequence, StoredClouds(run, mesher), tuple(remarks))
 
 
 def try_footage(open_footage: Callable[[], Sequence], remarks: list[str]) -> Sequence | None:
