@@ -283,21 +283,16 @@ def run_command(parser: argparse.ArgumentParser, argv: Sequence[str] | None = No
             parser.error("an argument holds the character NUL; expected text")
         args = parser.parse_args(words)
         with messages(args):
-            _run_logged(parser.prog, args, words)
+            if Messages.log is not None:
+                log_line(f"{parser.prog} {' '.join(words)} ({version_line()})")
+            try:
+                args.run(args)
+            except BaseException as error:
+                log_line(f"{parser.prog}: {type(error).__name__}\n{traceback.format_exc()}")
+                raise
+            log_line(f"{parser.prog}: done")
 
     return exit_code(parser.prog, run)
-
-
-def _run_logged(prog: str, args: argparse.Namespace, words: Sequence[str]) -> None:
-    """Run the subcommand, and write its start and end into the log file."""
-    if Messages.log is not None:
-        log_line(f"{prog} {' '.join(words)} ({version_line()})")
-    try:
-        args.run(args)
-    except BaseException as error:
-        log_line(f"{prog}: {type(error).__name__}\n{traceback.format_exc()}")
-        raise
-    log_line(f"{prog}: done")
 
 
 class _Version(argparse.Action):
