@@ -18,7 +18,7 @@ from psfs.mesh.preview import draw_mesh_preview
 from psfs.output.preview import draw_preview
 from psfs.output.reconstruction_folder import ReconstructionFolder
 from psfs.page.clouds import Opened, open_voxels
-from psfs.page.server import BrowserPage, MissingViserError
+from psfs.page.server import BrowserPage, import_viser
 from psfs.page.watch import ViewPage, Watch
 from psfs.request import PageRequest, ViewRequest
 from psfs.sequence import Frame, Sequence
@@ -66,9 +66,10 @@ def show_page(
     """Show a run on a page until Ctrl-C, beginning with `frame`; watch: the class that shows it."""
     check_number("--port", request.port, *PORTS)
     try:
-        page = ViewPage(open_run, frame=frame, watch=watch, port=request.port)
-    except MissingViserError as error:
+        import_viser()
+    except InputError as error:
         raise InputError(f"{error}; --png FILE writes a picture without it") from None
+    page = ViewPage(open_run, frame=frame, watch=watch, port=request.port)
     try:
         serve(page, request)
     finally:

@@ -36,10 +36,6 @@ _ONE_AT_A_TIME = threading.Lock()
 Receive = Callable[[Any], Awaitable[None]]
 
 
-class MissingViserError(InputError):
-    """Error of a machine without viser."""
-
-
 class Gate:
     """The check of each request: its path begins with the token, and its host is this machine.
     title: of the page, as the browser's tab has it. receive: takes the connection of files that are
@@ -60,11 +56,11 @@ class Gate:
 
 
 def import_viser() -> Any:
-    """Return the package viser. Raises MissingViserError."""
+    """Return the package viser. Raises InputError if it is not installed."""
     try:
         import viser
     except ImportError:
-        raise MissingViserError(
+        raise InputError(
             f"the page needs viser, which is not installed; expected: {pip_command('studio')}"
         ) from None
     return viser
