@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from apf.studio.folders import CAMERAS
 from apf.studio.footage import VIEWER
 from apf.studio.target_fields import PERSON, FoundTarget, TargetFields
 from apf.studio.work import Work, WorkLine, WorkSlot, free_folder
@@ -28,7 +27,7 @@ from psfs.page.pictures import PictureReader, mosaic, small_pictures
 from psfs.page.server import look
 from psfs.page.timeline import TimeLine, add_key
 from psfs.page.words import classify, make_lines, make_text
-from psfs.request import MOST_TARGET_FRAMES, CalibrateRequest, frame_range
+from psfs.request import CALIBRATION, MOST_TARGET_FRAMES, CalibrateRequest, frame_range
 from psfs.sequence import Frame
 
 if TYPE_CHECKING:
@@ -181,7 +180,7 @@ class CalibrateView:
         kind = "good" if work.succeeded else "warning"
         self._notes = [classify(line, kind) for line in work.words if not line.startswith("$ ")]
         if work.succeeded:
-            file = work.output / CAMERAS
+            file = work.output / CALIBRATION
             rig = read_calibration(file)
             CameraNodes(self._server.scene, rig)
             middle = rig.centres.mean(axis=0)

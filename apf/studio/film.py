@@ -14,7 +14,6 @@ import cv2
 import numpy as np
 
 from apf.live.cameras import Captures, average_pictures
-from apf.studio.folders import CAMERAS
 from apf.studio.opened import MakeDevice
 from apf.studio.target_fields import FoundTarget, TargetFields
 from apf.studio.work import free_folder
@@ -31,6 +30,7 @@ from psfs.output.preview import label_picture
 from psfs.page.pictures import blend_silhouette, fill_view, mosaic, small_pictures
 from psfs.page.timeline import add_key
 from psfs.page.words import make_lines, make_table, make_text
+from psfs.request import CALIBRATION
 from psfs.sequence import Frame
 
 if TYPE_CHECKING:
@@ -242,7 +242,7 @@ class FilmView:
     def _write_surroundings(self, folder: Path, names: list[str], cameras: Path | None) -> None:
         """Write the calibration and the empty room beside a recording's videos."""
         if cameras is not None:
-            shutil.copyfile(cameras, folder / CAMERAS)
+            shutil.copyfile(cameras, folder / CALIBRATION)
         for number, images in enumerate([] if self._collecting else self._empty):
             cropped = crop_pictures(Frame(0, images, None), self._captures.rig)
             for name, picture in zip(names, cropped, strict=True):

@@ -17,11 +17,10 @@ from psfs.footage.layouts.native import NATIVE, find_settings_calibration
 from psfs.footage.layouts.uncalibrated import list_pictures
 from psfs.footage.media import IMAGE_SUFFIXES, VIDEO_SUFFIXES
 from psfs.footage.settings import SequenceSettings
+from psfs.request import CALIBRATION
 
 #: Levels below a given folder that are searched, and the most folders that are listed.
 _DEPTH, _MOST = 3, 500
-#: The file of cameras that `psfs calibrate` writes.
-CAMERAS = "calibration.toml"
 #: Parts of a take or a run, which are not searched.
 _INSIDE = ("clouds", "parts", "videos", "background", "truth_masks", "keypoints")
 
@@ -71,7 +70,8 @@ class Roots:
 
     def find_calibrations(self) -> dict[str, Path]:
         """Return the files of cameras by the names of their folders."""
-        return {name: path / CAMERAS for path, name in self._walk() if (path / CAMERAS).is_file()}
+        files = {name: path / CALIBRATION for path, name in self._walk()}
+        return {name: path for name, path in files.items() if path.is_file()}
 
     def _walk(self) -> Iterator[tuple[Path, str]]:
         """Yield the folders that may be opened, with their names."""
