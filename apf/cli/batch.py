@@ -30,7 +30,7 @@ from psfs.cli.commandline import progress_bar, stderr, stdout, warn
 from psfs.cli.program import describe
 from psfs.common.files import name_file_in_errors, read_toml, resolve_path
 from psfs.common.outputs import MANIFEST, output_folder
-from psfs.common.ranges import check_name, check_number
+from psfs.common.ranges import check_name
 from psfs.common.requests import Stated, read_config, read_flags
 
 #: Seconds between two versions of the page.
@@ -163,8 +163,6 @@ class ListedTake:
 def run(request: BatchRequest) -> None:
     if request.scheduler is not None:
         import_distributed()  # before anything that takes time
-    if request.part_frames is not None:
-        check_number("--part-frames", request.part_frames, 2)
     jobs = make_jobs(request)
     assert request.output is not None
     shares = [] if request.scheduler else share_machine(request.device, request.workers)

@@ -28,12 +28,9 @@ from cl import InputError
 from psfs.cli.commandline import make_table, stdout, warn
 from psfs.common.files import name_file_in_errors, resolve_path
 from psfs.common.outputs import output_folder
-from psfs.common.ranges import check_number
 
 
 def run(request: EvaluateRequest) -> None:
-    if request.truth_start is not None:
-        check_number("--truth-start, frames,", request.truth_start, -1e9, 1e9)
     several = holds_people(request.track)
     if several:
         instead = f"applies only to one person; expected {request.track / 'person1'}"

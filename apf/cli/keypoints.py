@@ -14,7 +14,6 @@ from apf.takes.keypoints import people_number
 from cl import select_device
 from psfs.cli.commandline import progress_bar, stdout, warn
 from psfs.common.outputs import output_folder
-from psfs.common.ranges import check_number
 from psfs.common.requests import SETTINGS, write_settings
 from psfs.opening import open_sequence, stated_keys
 from psfs.people.people import StandingPeople, follow_several
@@ -26,8 +25,6 @@ _SELDOM = 0.8
 
 
 def run(request: KeypointsRequest) -> None:
-    if request.at_once is not None:
-        check_number("--at-once", request.at_once, 1)
     check_network()
     number = None if request.people == "auto" else people_number(request.people)
     sequence = open_sequence(request)

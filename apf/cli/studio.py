@@ -9,13 +9,11 @@ from apf.request import StudioRequest
 from apf.studio.folders import Roots, find_kind
 from apf.studio.page import Page
 from cl import UserError, select_device
-from psfs.cli.view import PORTS, serve
+from psfs.cli.view import serve
 from psfs.common.outputs import check_place
-from psfs.common.ranges import check_number
 
 
 def run(request: StudioRequest) -> None:
-    check_number("--port", request.port, *PORTS)
     check_place(request.output)
     roots = Roots(request.folder)
     make_device = lru_cache(1)(partial(select_device, request.device))

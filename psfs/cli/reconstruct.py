@@ -15,7 +15,6 @@ from cl import Device, InputError, UserError, select_device
 from psfs.cli.commandline import progress_bar, stdout, warn
 from psfs.common.files import write_json, write_picture
 from psfs.common.outputs import PART_SECONDS, OutputFolder, output_folder
-from psfs.common.ranges import check_number
 from psfs.common.requests import SETTINGS, write_settings
 from psfs.common.system import versions
 from psfs.diagnostics.reprojection_iou import (
@@ -50,7 +49,6 @@ _FINE = 2.0
 
 
 def run(request: ReconstructRequest) -> None:
-    check_number("--debris, a share,", request.debris, 0, 1)
     expected = (
         reconstruction_folder.SUMMARY,
         "preview.png",

@@ -12,7 +12,6 @@ from cl import InputError, select_device
 from psfs.cli.commandline import stdout, warn
 from psfs.common.files import check_picture_name, write_picture
 from psfs.common.outputs import output_folder
-from psfs.common.ranges import check_number
 from psfs.mesh.marching_cubes import Mesher
 from psfs.mesh.preview import draw_mesh_preview
 from psfs.output.preview import draw_preview
@@ -23,8 +22,6 @@ from psfs.page.watch import ViewPage, Watch
 from psfs.request import PageRequest, ViewRequest
 from psfs.sequence import Frame, Sequence
 
-#: Numbers that --port may be; 0 is any that is free.
-PORTS = 0, 65535
 #: Opens a run; see `ViewPage`.
 OpenRun = Callable[[Callable[[int], object]], Opened]
 
@@ -64,7 +61,6 @@ def show_page(
     request: ViewRequest, open_run: OpenRun, frame: int | None, watch: type[Watch] = Watch
 ) -> None:
     """Show a run on a page until Ctrl-C, beginning with `frame`; watch: the class that shows it."""
-    check_number("--port", request.port, *PORTS)
     try:
         import_viser()
     except InputError as error:
