@@ -5,10 +5,9 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
-from pydantic import Field
 
 from apf.body.kinematics import posed_joints
 from apf.body.model import BodyModel, sideless
@@ -17,11 +16,11 @@ from apf.body.surface import Surface
 from apf.tracking.track import Track
 from cl import InputError
 from psfs.common.files import name_file_in_errors, read_json
-from psfs.common.schema import Positive, Table, Vector, parse_values
-from psfs.output.reconstruction_folder import SequenceFacts, reopen_sequence
+from psfs.common.schema import Table, parse_values
+from psfs.output.reconstruction_folder import GridFacts, SequenceFacts, reopen_sequence
 from psfs.sequence import Sequence
 from psfs.voxels.config import ReconstructionConfig
-from psfs.voxels.grid import VoxelGrid, check_size
+from psfs.voxels.grid import VoxelGrid
 
 SUMMARY = "summary.json"
 
@@ -83,14 +82,6 @@ def read_tracked_config(folder: Path, summary: Mapping[str, Any]) -> Reconstruct
         raise InputError(f"{folder / SUMMARY}: {error}; run apf track again") from None
 
 
-class _Grid(Table):
-    """The grid in a track's provenance."""
-
-    origin: Vector
-    voxel_size: Positive
-    shape: Annotated[list[Annotated[int, Field(ge=1, le=2**20)]], Field(min_length=3, max_length=3)]
-
-
 def read_tracked_grid(track: Track) -> VoxelGrid | None:
     """Return the grid of the voxels that a track was estimated from; None without voxels.
 
@@ -100,8 +91,4 @@ def read_tracked_grid(track: Track) -> VoxelGrid | None:
     if stated is None:
         return None
     with name_file_in_errors("the track's grid"):
-        found = parse_values(_Grid, stated)
-        nx, ny, nz = found.shape
-        grid = VoxelGrid(np.array(found.origin), found.voxel_size, (nx, ny, nz))
-        check_size(grid)
-    return grid
+        return parse_values(GridFacts, stated).grid
