@@ -57,14 +57,17 @@ def import_distributed() -> ModuleType:
 def find_scheduler(address: str, patience: float = 10.0) -> str:
     """Return the address of a running scheduler, which may be stated by the file that it wrote.
     Raises InputError if none answers within `patience`, s."""
-    where, what = address, "the file that a `dask scheduler` wrote"
-    if Path(address).exists():
-        where = parse_values(_SchedulerFile, read_json(Path(address), what), address).address
+    where = _read_scheduler_file(Path(address)) if Path(address).exists() else address
     try:
         _check_answer(where, patience)
     except (OSError, ValueError) as error:
         raise _no_answer_error(address, error) from None
     return where
+
+
+def _read_scheduler_file(path: Path) -> str:
+    what = "the file that a `dask scheduler` wrote"
+    return parse_values(_SchedulerFile, read_json(path, what), path).address
 
 
 def _no_answer_error(address: str, error: Exception) -> InputError:
