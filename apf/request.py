@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
+from pydantic import Field
 from pydantic.fields import FieldInfo
 
 from apf.cluster import CORES_BESIDE_GPU, PER_GPU
@@ -32,6 +33,7 @@ from apf.tracking.config import (
 from cl import InputError
 from psfs import request as of_psfs
 from psfs.common.config import Config, SettingError, field_choices, part
+from psfs.common.ranges import LARGEST
 from psfs.common.requests import (
     Flag,
     Group,
@@ -55,6 +57,7 @@ from psfs.request import (
     PRESET,
     REPORT,
     SEQUENCE,
+    STATURE,
     FolderRequest,
     PageRequest,
     TakeRequest,
@@ -377,6 +380,7 @@ class BatchRequest(TrackingRequest):
         int | None,
         Flag("cut longer takes into overlapping parts of about so many frames, which are tracked "
              "at the same time and joined where they agree best (default: not cut)", "N"),
+        Field(ge=2, le=LARGEST),
     ] = None  # fmt: skip
     to: Annotated[
         tuple[str, ...],
@@ -402,13 +406,13 @@ class LiveRequest(StartRequest):
     empty: Annotated[
         float,
         Flag("seconds of the empty scene that --captures begin with, unless FOLDER/background "
-             "shows it (default: 2)", "S"),
+             "shows it (default: 2)", "S"), Field(ge=0, le=600),
     ] = 2.0  # fmt: skip
     budget: Annotated[
         float | None,
         Flag("poses per second to be reached, by a search of the size that allows it (default: as "
              "many as frames if that leaves time for a good search, unless --particles or "
-             "--layers says a size)", "N", name="fps"),
+             "--layers says a size)", "N", name="fps"), Field(ge=0.1, le=1000),
     ] = None  # fmt: skip
     people: Annotated[
         int | str | None,
@@ -421,7 +425,7 @@ class LiveRequest(StartRequest):
     scale: Annotated[
         float | None,
         Flag("size of the pictures that are looked at, up to 1 (default: on a CPU as small as "
-             "pixels still are no larger than voxels, else 1)", "S"),
+             "pixels still are no larger than voxels, else 1)", "S"), Field(ge=0.05, le=1),
     ] = None  # fmt: skip
     studio: Annotated[
         bool,
@@ -492,7 +496,9 @@ class TimingsRequest(Request):
     )
 
     output: Annotated[Path, output_flag("folder (default: timings)", "OUT")] = Path("timings")
-    seconds: Annotated[float, Flag("measure for about so long, s", "S")] = 60.0
+    seconds: Annotated[
+        float, Flag("measure for about so long, s", "S"), Field(ge=1, le=3600)
+    ] = 60.0  # fmt: skip
 
 
 class CalibrateRequest(of_psfs.PersonRequest):
@@ -521,8 +527,8 @@ class CalibrateRequest(of_psfs.PersonRequest):
     field_of_view: Annotated[float | None, Flag(FIELD_OF_VIEW, "DEG", group=Group("lenses"))] = None
     stature: Annotated[
         float | None,
-        Flag("height of the person, m, which gives the scale (default: 1.7)", "M"),
-    ] = None
+        Flag("height of the person, m, which gives the scale (default: 1.7)", "M"), STATURE,
+    ] = None  # fmt: skip
     silhouettes: Annotated[
         bool,
         Flag("keep what the keypoints say (default: adjusted to the silhouettes, and refused if "
@@ -543,9 +549,10 @@ class KeypointsRequest(FolderRequest):
         output_flag("folder for OUT/<camera>_json/<camera>_000000.json, as Pose2Sim has them"),
     ]
     capture: Sighted = part(SequenceSettings)
-    at_once: Annotated[int | None, Flag("cameras at a time (default: as many as cores)", "N")] = (
-        None
-    )
+    at_once: Annotated[
+        int | None, Flag("cameras at a time (default: as many as cores)", "N"),
+        Field(ge=1, le=LARGEST),
+    ] = None  # fmt: skip
     crop: Annotated[
         bool,
         Flag("show whole pictures to the network (default: cropped by the silhouette, where the "
@@ -633,6 +640,7 @@ class EvaluateRequest(Request):
         float | None,
         Flag("frame of the truth, counted from 0, that is the sequence's frame 0; truth at "
              "another rate is taken at the frames' times (default: a C3D's own numbers)", "N"),
+        Field(ge=-1e9, le=1e9),
     ] = None  # fmt: skip
     convention: Annotated[
         str | None,

@@ -7,6 +7,8 @@ from functools import wraps
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, TypeVar
 
+from pydantic import Field
+
 from cl import InputError
 from psfs.calibration.targets.dictionaries import DICTIONARIES
 from psfs.common.config import part
@@ -16,7 +18,7 @@ from psfs.common.requests import Flag, Group, Part, Presets, Request
 from psfs.diagnostics.config import DEFINITION
 from psfs.footage.settings import SequenceSettings, join_delays, split_delays
 from psfs.mesh.config import FORMATS as MESH_FORMATS
-from psfs.mesh.config import SMOOTHING
+from psfs.mesh.config import MOST_SMOOTHING, SMOOTHING
 from psfs.presets import PRESETS
 from psfs.self_calibration.config import PersonConfig
 from psfs.voxels.config import DEBRIS_SHARE, VOXEL_EDGES, ReconstructionConfig
@@ -183,6 +185,8 @@ ALL_CAMERAS = Flag(
     "keep cameras whose silhouettes disagree with the others' (default: left out, with a warning; "
     "--cameras states which to take)"
 )
+#: Range of the height of somebody who calibrates, m.
+STATURE = Field(ge=0.3, le=3)
 FRAMES = Flag("frames counted from 0, b excluded", "a:b", frame_range)
 PRESET = Flag(
     "settings that are exactly a paper's; flags and --config beat them (docs/tracking.md)",
@@ -317,7 +321,7 @@ class CalibrateRequest(PersonRequest):
     stature: Annotated[
         float | None,
         Flag("height of the person of --person, m, which gives the scale (default: 1.7)", "M",
-             group=TARGET),
+             group=TARGET), STATURE,
     ] = None  # fmt: skip
     squares: Annotated[
         tuple[int, int] | None,
@@ -338,6 +342,7 @@ class CalibrateRequest(PersonRequest):
         int,
         Flag("number of ChArUco boards of these squares, whose markers are numbered on from one "
              "to the next, as --print-board writes them (default: 1)", "N", group=TARGET),
+        Field(ge=1, le=20),
     ] = 1  # fmt: skip
     markers: Annotated[
         tuple[str, ...] | None,
@@ -370,7 +375,7 @@ class CalibrateRequest(PersonRequest):
     height: Annotated[
         float,
         Flag("of the target's points above the floor, such as the radius of markers (default: 0)",
-             "M", group=LENSES),
+             "M", group=LENSES), Field(ge=-10, le=10),
     ] = 0.0  # fmt: skip
     frames: Annotated[
         slice | None,
@@ -426,6 +431,7 @@ class ReconstructRequest(FolderRequest, TakeRequest):
         float,
         Flag("drop connected parts smaller than this share of the largest one (default "
              f"{DEBRIS_SHARE:g}; 0 keeps everything, 1 only the largest)", "SHARE"),
+        Field(ge=0, le=1),
     ] = DEBRIS_SHARE  # fmt: skip
     colour: Annotated[
         bool, Flag("do not colour the clouds from the pictures", name="no-colour")
@@ -494,6 +500,7 @@ class MeshRequest(RunRequest):
     smooth: Annotated[
         int,
         Flag(f"smoothing steps, which do not shrink (default {SMOOTHING}; 0: none)", "N"),
+        Field(ge=0, le=MOST_SMOOTHING),
     ] = SMOOTHING
     check: Annotated[
         bool,
@@ -505,7 +512,9 @@ class MeshRequest(RunRequest):
 class PageRequest(Request):
     """A page in the browser."""
 
-    port: Annotated[int, Flag("port on 127.0.0.1 (default: 8090)", "N")] = 8090
+    port: Annotated[
+        int, Flag("port on 127.0.0.1 (default: 8090)", "N"), Field(ge=0, le=65535)
+    ] = 8090  # fmt: skip
     browser: Annotated[bool, Flag("print the address, and open no browser", name="no-browser")] = (
         True
     )

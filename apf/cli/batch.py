@@ -28,9 +28,9 @@ from apf.tracking.progress import BY_FRAMES
 from cl import InputError
 from psfs.cli.commandline import progress_bar, stderr, stdout, warn
 from psfs.cli.program import describe
-from psfs.common.files import read_toml, resolve_path
+from psfs.common.files import name_file_in_errors, read_toml, resolve_path
 from psfs.common.outputs import MANIFEST, output_folder
-from psfs.common.ranges import check_name, check_number
+from psfs.common.ranges import check_name
 from psfs.common.requests import Stated, read_config, read_flags
 
 #: Seconds between two versions of the page.
@@ -163,8 +163,6 @@ class ListedTake:
 def run(request: BatchRequest) -> None:
     if request.scheduler is not None:
         import_distributed()  # before anything that takes time
-    if request.part_frames is not None:
-        check_number("--part-frames", request.part_frames, 2)
     jobs = make_jobs(request)
     assert request.output is not None
     shares = [] if request.scheduler else share_machine(request.device, request.workers)
@@ -217,8 +215,7 @@ def make_jobs(request: BatchRequest) -> list[TakeJob]:
 def make_request(batch: BatchRequest, take: ListedTake, out: Path) -> TrackRequest:
     """Return the request of one take: what it states itself counts before what the batch states.
     Raises InputError that names the place of an invalid flag."""
-    where = take.where
-    try:
+    with name_file_in_errors(take.where):
         stated = Stated({"folders": (take.source,), "output": out}).over(take.stated)
         request = TrackRequest.from_stated(stated.over(batch.stated).only(TrackRequest))
         if request.triangulate:
@@ -231,8 +228,6 @@ def make_request(batch: BatchRequest, take: ListedTake, out: Path) -> TrackReque
                 )
             request = request.replace(people=1)
         check_request(request)
-    except InputError as error:
-        raise InputError(f"{where}: {error}") from None
     return request
 
 

@@ -27,6 +27,7 @@ from apf.tracking.take import Take
 from apf.tracking.track import Track, concatenate_tracks
 from apf.tracking.two_way import OVERLAP
 from cl import Device, InputError, NumpyDevice
+from psfs.common.numbers import json_number
 from psfs.diagnostics.examination import Examination
 from psfs.opening import examine_footage, open_sequence, open_session, select_common_frames
 from psfs.session import Session
@@ -79,15 +80,10 @@ def join_tracks(tracks: Sequence[Track]) -> tuple[Track, list[Seam]]:
     ]
     provenance = json.loads(tracks[0].provenance)
     provenance["parts"] = [
-        {"frame": s.frame, "apart_mm": to_millimetres(s.distance)} for s in seams
+        {"frame": s.frame, "apart_mm": json_number(1000 * s.distance, 1)} for s in seams
     ]
     whole = replace(concatenate_tracks(parts), provenance=json.dumps(provenance))
     return whole, seams
-
-
-def to_millimetres(distance: float) -> float | None:
-    """Convert a distance, m, to mm for a file; None if it is not finite."""
-    return round(1000 * distance, 1) if np.isfinite(distance) else None
 
 
 #: The folder in OUT for takes that are tracked in chunks.
@@ -191,7 +187,7 @@ def join_chunks(progress: TaskProgress, job: TakeJob, chunks: Sequence[TakeJob])
                 track = _track_chunk_from(progress, chunk, tracks[-1])
             tracks.append(track)
         whole, seams = join_tracks(tracks)
-        apart = ", ".join(f"{to_millimetres(s.distance)} at {s.frame}" for s in seams)
+        apart = ", ".join(f"{json_number(1000 * s.distance, 1)} at {s.frame}" for s in seams)
         print(f"parts are joined with mm between them: {apart}")
 
         def write(request: TrackRequest, device: Device | NumpyDevice) -> list[FinishedTake]:

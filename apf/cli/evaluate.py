@@ -26,14 +26,11 @@ from apf.tracking.people import PeopleTracks, holds_people, person_folder
 from apf.tracking.track import Track, spans
 from cl import InputError
 from psfs.cli.commandline import make_table, stdout, warn
-from psfs.common.files import resolve_path
+from psfs.common.files import name_file_in_errors, resolve_path
 from psfs.common.outputs import output_folder
-from psfs.common.ranges import check_number
 
 
 def run(request: EvaluateRequest) -> None:
-    if request.truth_start is not None:
-        check_number("--truth-start, frames,", request.truth_start, -1e9, 1e9)
     several = holds_people(request.track)
     if several:
         instead = f"applies only to one person; expected {request.track / 'person1'}"
@@ -47,16 +44,13 @@ def run(request: EvaluateRequest) -> None:
     markers = None if request.markers is None else load_markers(request.markers)
     truth, convention = _read_truth(request, tracks[0].fps)
     evaluation: Evaluation | PeopleEvaluation
-    try:
+    with name_file_in_errors(f"{request.track} against {' '.join(map(str, request.truth))}"):
         if several:
             evaluation = evaluate_people(tracks, truth)
             pairs = [(track, series) for series in truth.values() for track in tracks]
             better = axes_that_fit(pairs, evaluation.apart, convention)
         else:
             evaluation, better = _evaluate_one(request, tracks[0], truth, convention, markers)
-    except InputError as error:
-        stated = " ".join(map(str, request.truth))
-        raise InputError(f"{request.track} against {stated}: {error}") from None
     if isinstance(evaluation, Evaluation):
         print_evaluation(evaluation)
         print_angles(evaluation.angles)

@@ -11,7 +11,7 @@ from apf.keypoints.estimation import EstimationJob, estimate_keypoints, write_op
 from apf.keypoints.network import check_network
 from apf.request import KeypointsRequest
 from apf.takes.keypoints import people_number
-from cl import InputError, select_device
+from cl import select_device
 from psfs.cli.commandline import progress_bar, stdout, warn
 from psfs.common.outputs import output_folder
 from psfs.common.requests import SETTINGS, write_settings
@@ -25,8 +25,6 @@ _SELDOM = 0.8
 
 
 def run(request: KeypointsRequest) -> None:
-    if request.at_once is not None and request.at_once < 1:
-        raise InputError(f"--at-once is {request.at_once}; expected at least 1")
     check_network()
     number = None if request.people == "auto" else people_number(request.people)
     sequence = open_sequence(request)

@@ -33,7 +33,6 @@ from cl import Device, InputError, UserError, select_device
 from psfs.cli.commandline import stderr, stdout, warn
 from psfs.common.files import write_json
 from psfs.common.outputs import PART_SECONDS, output_folder
-from psfs.common.ranges import check_number
 from psfs.common.requests import write_settings
 from psfs.opening import open_sequence
 
@@ -43,7 +42,7 @@ Truth = dict[str, JointSeries]
 
 def run(request: LiveRequest) -> None:
     check_start(request, request.truth)
-    _check_ranges(request)
+    _check_flags(request)
     method = request.method
     # The frames are not evenly spaced, and `Live` predicts the motion itself.
     noise = method.filter.search.noise
@@ -229,12 +228,9 @@ def _run(
         return live.run([keep, progress, page], warn), page.takes
 
 
-def _check_ranges(request: LiveRequest) -> None:
+def _check_flags(request: LiveRequest) -> None:
     for text in request.send or ():
         parse_target(text)
-    check_number("--scale", 1 if request.scale is None else request.scale, 0.05, 1)
-    check_number("--fps", 1 if request.budget is None else request.budget, 0.1, 1000)
-    check_number("--empty", request.empty, 0, 600)
     if request.method.objective == "keypoints":
         raise InputError(
             "--objective keypoints: apf live reads none; expected voxels or image features"

@@ -7,6 +7,7 @@ from pathlib import Path
 from apf.request import ExportRequest, SmoothRequest
 from apf.tracking.people import PeopleTracks
 from cl import InputError
+from psfs.common.files import name_file_in_errors
 
 
 def open_given_tracks(path: Path, cutoff: float | None = None) -> PeopleTracks:
@@ -21,10 +22,8 @@ def open_given_tracks(path: Path, cutoff: float | None = None) -> PeopleTracks:
                 f"--cutoff is {cutoff:g} Hz, which smooths nothing; expected less than half of "
                 f"the track's {track.fps:g} frames per second"
             )
-        try:
+        with name_file_in_errors(path):
             _ = track.its_body if track.dof_names else None
-        except InputError as error:
-            raise InputError(f"{path}: {error}") from None
     return tracks
 
 

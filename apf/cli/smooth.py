@@ -8,8 +8,8 @@ from apf.cli.opened_track import open_given_tracks, stated_cutoff
 from apf.request import SmoothRequest
 from apf.takes.results import RESULTS, write_people
 from apf.tracking.smoothing import smooth_track
-from cl import InputError
 from psfs.cli.commandline import stdout
+from psfs.common.files import name_file_in_errors
 from psfs.common.outputs import output_folder
 from psfs.common.requests import write_settings
 
@@ -18,10 +18,8 @@ def run(request: SmoothRequest) -> None:
     folder = request.track if request.track.is_dir() else request.track.parent
     with output_folder(request.output, request.COMMAND, [folder], RESULTS):
         tracks = open_given_tracks(request.track, stated_cutoff(request))
-        try:
+        with name_file_in_errors(request.track):
             smoothed = tuple(smooth_track(track, request.smoothing) for track in tracks)
-        except InputError as error:
-            raise InputError(f"{request.track}: {error}") from None
         folders = write_people(request.output, replace(tracks, tracks=smoothed))
         for track, into in zip(smoothed, folders, strict=True):
             lost = int(track.lost.sum())

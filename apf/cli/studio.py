@@ -9,12 +9,11 @@ from apf.request import StudioRequest
 from apf.studio.folders import Roots, find_kind
 from apf.studio.page import Page
 from cl import UserError, select_device
-from psfs.cli.view import check_port, serve
+from psfs.cli.view import serve
 from psfs.common.outputs import check_place
 
 
 def run(request: StudioRequest) -> None:
-    check_port(request)
     check_place(request.output)
     roots = Roots(request.folder)
     make_device = lru_cache(1)(partial(select_device, request.device))

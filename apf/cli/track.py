@@ -7,7 +7,7 @@ from contextlib import ExitStack
 from apf.request import TrackRequest
 from apf.tracking.progress import ProgressLine, make_stage_bar
 from cl import InputError
-from psfs.cli.commandline import is_quiet, progress_bar, remark, stderr, warn
+from psfs.cli.commandline import progress_bar, remark, stderr, stdout, warn
 
 
 class TakeLine(ProgressLine):
@@ -36,7 +36,7 @@ def run(request: TrackRequest) -> None:
 
 def _run_one(request: TrackRequest) -> None:
     with ExitStack() as stack:
-        bar = stack.enter_context(make_stage_bar(stderr.console, is_quiet()))
+        bar = stack.enter_context(make_stage_bar(stderr.console, stdout.quiet))
         line = TakeLine(bar)
         # The bar is shown while these are loaded, which takes a second.
         from apf.backend import check_renderer

@@ -6,12 +6,14 @@ import hashlib
 import json
 import os
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
-from cl import InputError
+from cl import InputError, UserError
 from psfs.common.files import read_json, write_json
 from psfs.common.reading import open_input, parsing
+from psfs.common.schema import parse_values
 from psfs.common.system import versions
 
 RECORD = "take.json"
@@ -61,17 +63,9 @@ class TakeRecord:
     @classmethod
     def read(cls, folder: Path) -> TakeRecord | None:
         """Read the record of a folder of results; None if there is none of the right format."""
-        try:
-            data = read_json(folder / RECORD, "the record of a take")
-            for part in ("inputs", "files", "outputs"):
-                facts = {name: tuple(values) for name, values in data[part].items()}
-                if any(len(values) != 3 for values in facts.values()):
-                    return None
-                data[part] = facts
-            data["rows"] = tuple(data["rows"])
-            return cls(**data)
-        except (OSError, ValueError, TypeError, KeyError, AttributeError):
-            return None
+        with suppress(UserError):
+            return parse_values(cls, read_json(folder / RECORD, "the record of a take"))
+        return None
 
     def is_same_take(self, other: TakeRecord) -> bool:
         """Return whether both records have the same contents, version and settings."""

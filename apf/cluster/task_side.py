@@ -64,11 +64,6 @@ class TaskProgress(StageProgress):
         self.core_seconds = defaultdict[str, float](float)
         self._begun = time.monotonic(), time.process_time()
 
-    @property
-    def done(self) -> int:
-        """Number of frames that the current stage has done."""
-        return self._done[self._stage]
-
     def __call__(self, stage: str) -> None:
         self._check()
         if stage != self._stage:
@@ -102,9 +97,9 @@ class TaskProgress(StageProgress):
 
     def _send(self) -> None:
         self._sent = time.monotonic()
-        self._send_message(
-            Progress(self._task, self._stage, self.done, self.n_frames, self.worker, self._whose)
-        )
+        done, whose = self._done[self._stage], self._whose
+        message = Progress(self._task, self._stage, done, self.n_frames, self.worker, whose)
+        self._send_message(message)
 
 
 def run_task(

@@ -91,6 +91,4 @@ def select_worker_device(asked: str) -> Device | NumpyDevice:
     return device.sibling() if isinstance(device, Device) else device
 
 
-@lru_cache
-def _cached_device(choice: str) -> Device | NumpyDevice:
-    return select_device(choice)
+_cached_device = lru_cache(select_device)

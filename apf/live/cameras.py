@@ -24,7 +24,7 @@ from psfs.background.gaussian import Background, clipped_moments, estimate_backg
 from psfs.cameras.calibration import read_calibration
 from psfs.cameras.camera import CameraRig
 from psfs.cameras.units import rotate_rig, rotation_to_z_up
-from psfs.footage.layouts.common import assign_pictures, choose_cameras
+from psfs.footage.layouts.common import assemble
 from psfs.footage.layouts.native import find_settings_calibration
 from psfs.footage.layouts.uncalibrated import make_nominal_camera
 from psfs.footage.media import VIDEO_SUFFIXES, list_media
@@ -408,17 +408,16 @@ def open_cameras(
     of the file. The background images are those in `folder/background`, if it exists. Raises
     InputError.
     """
-    settings, calibration, background = SequenceSettings.from_dict(stated), folder, None
+    settings, calibration = SequenceSettings.from_dict(stated), folder
     if not folder.is_file():
         settings = settings.fill_from(SequenceSettings.read(folder / "sequence.toml"))
         calibration = find_settings_calibration(folder, settings)
-    rig = read_calibration(calibration, settings.unit)
-    turned = rotate_rig(rig, rotation_to_z_up(settings.up or "z"))
-    chosen = choose_cameras(turned, settings)
-    if (pictures := folder / "background").is_dir():
-        media, _ = assign_pictures(turned, list_media(pictures), pictures, settings, extras=True)
-        background = estimate_background(chosen, media)
-    return LiveCameras(chosen, names, background, empty)
+    pictures, calibrated = folder / "background", read_calibration(calibration, settings.unit)
+    files = list_media(pictures) if pictures.is_dir() else {}
+    footage = assemble(calibrated, settings, {"background": (files, pictures)})
+    rig = rotate_rig(footage.rig, rotation_to_z_up(settings.up or "z"))
+    background = estimate_background(rig, footage.background) if footage.background else None
+    return LiveCameras(rig, names, background, empty)
 
 
 def box_around(body: BodyModel, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -4,17 +4,10 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from pydantic import Field
-
 from apf.tracking.config import RecoveryConfig
 from psfs.common.config import Config, natural, nonnegative, part, positive, setting
 from psfs.silhouettes.config import AppearanceConfig, SilhouetteConfig
 from psfs.voxels.config import ReconstructionConfig
-
-
-def _without_second_look() -> ReconstructionConfig:
-    appearance = AppearanceConfig(look_again=False)
-    return ReconstructionConfig(silhouette=SilhouetteConfig(appearance=appearance))
 
 
 class LiveConfig(Config):
@@ -53,4 +46,7 @@ class LiveConfig(Config):
     #: misfit of about 0.6; only above that nothing fits.
     recovery: RecoveryConfig = part(RecoveryConfig, ratio=3.0, least=0.6)
     #: Frames that are dropped leave gaps; time is worth more than a second look at every frame.
-    reconstruction: ReconstructionConfig = Field(default_factory=_without_second_look)
+    reconstruction: ReconstructionConfig = part(
+        ReconstructionConfig,
+        silhouette=SilhouetteConfig(appearance=AppearanceConfig(look_again=False)),
+    )

@@ -18,7 +18,7 @@ from apf.live.config import LiveConfig
 from apf.live.people import LivePerson, Observer, Seen, VoxelObserver, observe_features
 from apf.live.send import SentPose
 from apf.live.sources import ACQUISITION, Newest, Shot, Smaller, Source
-from apf.live.timeline import Timeline
+from apf.live.timeline import Span, Timeline
 from apf.scene import Scene
 from cl import Device, InputError
 from psfs.common.system import PATIENCE
@@ -309,10 +309,11 @@ class Live:
                 break
             self._free.clear()
             start = self.timeline.now()
-            with self.timeline.span(PROCESSING, shot.frame.index):
-                observed = ObservedFrame(shot, self.observe(shot.frame, shot.time))
-                self.processor.finish()
-            self._processing.append(self.timeline.now() - start)
+            observed = ObservedFrame(shot, self.observe(shot.frame, shot.time))
+            self.processor.finish()
+            end = self.timeline.now()
+            self.timeline.add(Span(PROCESSING, shot.frame.index, start, end))
+            self._processing.append(end - start)
             self._ready.put(observed)
         self._ready.close()
 
@@ -321,14 +322,14 @@ class Live:
             shot = observed.shot
             start = self.timeline.now()
             self._free_at = start + float(np.median(self._tracking))
-            with self.timeline.span(TRACKING, shot.frame.index):
-                self.expect(observed)
-                self._observe_people(observed.seen)
-                if self._overlaps:  # the trackers no longer need the observations
-                    self.device.finish()
-                    self._free.set()
-                estimates = self.search()
+            self.expect(observed)
+            self._observe_people(observed.seen)
+            if self._overlaps:  # the trackers no longer need the observations
+                self.device.finish()
+                self._free.set()
+            estimates = self.search()
             known = self.timeline.now()
+            self.timeline.add(Span(TRACKING, shot.frame.index, start, known))
             self.timeline.add_result(shot.frame.index, shot.time, known)
             if not self._overlaps:  # else the next frame may lie here, not yet observed
                 self._free.set()

@@ -6,8 +6,6 @@ from __future__ import annotations
 import threading
 import time
 from collections import deque
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -50,13 +48,6 @@ class Timeline:
     def now(self) -> float:
         """Return the time, s, since the start."""
         return time.perf_counter() - self._origin
-
-    @contextmanager
-    def span(self, stage: str, frame: int) -> Iterator[None]:
-        """Record the duration of the block; nothing if it raises."""
-        start = self.now()
-        yield
-        self.add(Span(stage, frame, start, self.now()))
 
     def add(self, span: Span) -> None:
         """Record a span."""

@@ -26,10 +26,9 @@ from psfs.cameras.triangulation import reprojection_errors, undistort_points
 from psfs.common.cones import cone_distances
 from psfs.common.progress import map_in_threads
 from psfs.common.regions import iou
-from psfs.diagnostics.reprojection_iou import volume_region, whole_silhouettes
+from psfs.diagnostics.reprojection_iou import score_voxels, volume_region, whole_silhouettes
 from psfs.session import CarvedFrame, Session
 from psfs.voxels.grid import VoxelCloud, VoxelGrid
-from psfs.voxels.host_voxels import voxel_silhouette
 
 #: Most frames that are compared, evenly spread over the track: enough for a page's curves.
 MOST_FRAMES = 100
@@ -99,7 +98,7 @@ def compare_with_silhouettes(
     session: Session,
     grid: VoxelGrid,
     track: Track,
-    progress: Callable[[], object] | None = None,
+    progress: Callable[[], object] = lambda: None,
 ) -> Agreement:
     """Compare body and voxels in some frames of the track with the silhouettes that the voxels
     in `grid` were carved from, see `Session.iterate_carved`. progress: called after each frame."""
@@ -119,7 +118,7 @@ def compare_with_silhouettes(
         scores, centres = np.array(views), cloud.centres
         return (
             scores[:, 0],
-            _voxel_iou(rig, extents, centres, shown, frame.known),
+            score_voxels(rig, extents, centres, shown, frame.known),
             _worst_scores(scores[:, 1:], drawn, parts),
             measure_explained(rig, centres, posed, drawings, frame.known),
             cloud,
@@ -129,28 +128,10 @@ def compare_with_silhouettes(
     compared = list[tuple[Any, ...]]()
     for found in map_in_threads(compare, carved):
         compared.append(found)
-        if progress is not None:
-            progress()
+        progress()
     *figures, clouds = zip(*compared, strict=True)
     body_iou, voxel_iou, inside, explained = map(np.array, figures)
     return Agreement(rows, tuple(rig.names), body_iou, voxel_iou, inside, explained, clouds)
-
-
-def _voxel_iou(
-    rig: CameraRig,
-    extents: np.ndarray,
-    centres: np.ndarray,
-    shown: np.ndarray,
-    known: np.ndarray,
-) -> np.ndarray:
-    """Return the IoU (V,) of voxels with `centres` (N, 3) m and the silhouettes (V, H, W) bool, at
-    pixels that are `known` (V, H, W)."""
-    ours = [
-        voxel_silhouette(camera, centres, extent, shown.shape[1:])
-        for camera, extent in zip(rig, extents, strict=True)
-    ]
-    views = zip(ours, shown, known, strict=True)
-    return np.array([iou(one & there, other) for one, other, there in views])
 
 
 def _score_cones(

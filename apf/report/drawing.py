@@ -214,7 +214,7 @@ def write_overlay(
     path: str | Path,
     sequence: Sequence,
     tracks: Track | PeopleTracks,
-    progress: Callable[[], object] | None = None,
+    progress: Callable[[], object] = lambda: None,
 ) -> None:
     """Write an mp4 of the tracked frames as `draw_mosaic` shows them, cropped to the people.
 
@@ -231,8 +231,7 @@ def write_overlay(
     with write_video(path, max(1.0, everybody[0].fps / step)) as video:
         for mosaic in map_in_threads(draw, pictures):
             video.write(mosaic)
-            if progress is not None:
-                progress()
+            progress()
 
 
 def check_indices(sequence: Sequence, indices: np.ndarray) -> list[int]:

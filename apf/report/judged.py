@@ -173,7 +173,7 @@ def _smooth_derivative(
 def judge_track(
     session: Session,
     track: Track,
-    progress: Callable[[], object] | None = None,
+    progress: Callable[[], object] = lambda: None,
     *,
     keypoints: Keypoints | None = None,
     doubts: Items[str] = (),

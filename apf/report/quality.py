@@ -178,16 +178,12 @@ class Quality:
             return "bad"
         if self.expected_error > _GOOD or self.doubts:
             return "doubtful"
-        return "good" if self._compared and self._lasts else "unknown"
+        return "good" if self._compared and lasts_long_enough(self.track.times) else "unknown"
 
     @property
     def _compared(self) -> bool:
         limbs = bool(np.isfinite(self.track.limb_confidence).any())
         return self.agreement is not None or self.near is not None or limbs
-
-    @property
-    def _lasts(self) -> bool:
-        return lasts_long_enough(self.track.times)
 
     @property
     def _lasting_doubts(self) -> list[str]:

@@ -5,10 +5,9 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
-from pydantic import Field
 
 from apf.body.kinematics import posed_joints
 from apf.body.model import BodyModel, sideless
@@ -16,12 +15,12 @@ from apf.body.stature import stature
 from apf.body.surface import Surface
 from apf.tracking.track import Track
 from cl import InputError
-from psfs.common.files import read_json
-from psfs.common.schema import Positive, Table, Vector, parse_values
-from psfs.output.reconstruction_folder import SequenceFacts, reopen_sequence
+from psfs.common.files import name_file_in_errors, read_json
+from psfs.common.schema import Table, parse_values
+from psfs.output.reconstruction_folder import GridFacts, SequenceFacts, reopen_sequence
 from psfs.sequence import Sequence
 from psfs.voxels.config import ReconstructionConfig
-from psfs.voxels.grid import VoxelGrid, check_size
+from psfs.voxels.grid import VoxelGrid
 
 SUMMARY = "summary.json"
 
@@ -65,10 +64,7 @@ def read_summary(folder: Path) -> dict[str, Any]:
     MissingFileError."""
     path, what = folder / SUMMARY, "the summary of an `apf track`"
     summary: dict[str, Any] = read_json(path, what)
-    try:
-        parse_values(_Summary, summary)
-    except InputError as error:
-        raise InputError(f"{path}: not {what}: {error}") from None
+    parse_values(_Summary, summary, f"{path}: not {what}")
     return summary
 
 
@@ -86,14 +82,6 @@ def read_tracked_config(folder: Path, summary: Mapping[str, Any]) -> Reconstruct
         raise InputError(f"{folder / SUMMARY}: {error}; run apf track again") from None
 
 
-class _Grid(Table):
-    """The grid in a track's provenance."""
-
-    origin: Vector
-    voxel_size: Positive
-    shape: Annotated[list[Annotated[int, Field(ge=1, le=2**20)]], Field(min_length=3, max_length=3)]
-
-
 def read_tracked_grid(track: Track) -> VoxelGrid | None:
     """Return the grid of the voxels that a track was estimated from; None without voxels.
 
@@ -102,11 +90,5 @@ def read_tracked_grid(track: Track) -> VoxelGrid | None:
     stated = json.loads(track.provenance).get("grid")
     if stated is None:
         return None
-    try:
-        found = parse_values(_Grid, stated)
-        nx, ny, nz = found.shape
-        grid = VoxelGrid(np.array(found.origin), found.voxel_size, (nx, ny, nz))
-        check_size(grid)
-    except InputError as error:
-        raise InputError(f"the track's grid: {error}") from None
-    return grid
+    with name_file_in_errors("the track's grid"):
+        return parse_values(GridFacts, stated).grid

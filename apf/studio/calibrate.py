@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from apf.studio.folders import CAMERAS
 from apf.studio.footage import VIEWER
 from apf.studio.target_fields import PERSON, FoundTarget, TargetFields
 from apf.studio.work import Work, WorkLine, WorkSlot, free_folder
@@ -28,7 +27,7 @@ from psfs.page.pictures import PictureReader, mosaic, small_pictures
 from psfs.page.server import look
 from psfs.page.timeline import TimeLine, add_key
 from psfs.page.words import classify, make_lines, make_text
-from psfs.request import MOST_TARGET_FRAMES, CalibrateRequest, frame_range
+from psfs.request import CALIBRATION, MOST_TARGET_FRAMES, CalibrateRequest, frame_range
 from psfs.sequence import Frame
 
 if TYPE_CHECKING:
@@ -114,12 +113,6 @@ class CalibrateView:
         if self.cameras.value in self._known:
             self._use(self._known[self.cameras.value])
 
-    def wait(self, seconds: float) -> None:
-        """Wait until what was started has ended, at most so long."""
-        if self._worker is not None:
-            self._worker.join(timeout=seconds)
-        self.slot.wait(seconds)
-
     def search(self) -> None:
         """Look for the target in all pictures, or in evenly spread ones of long footage."""
         self._stop_search()
@@ -187,7 +180,7 @@ class CalibrateView:
         kind = "good" if work.succeeded else "warning"
         self._notes = [classify(line, kind) for line in work.words if not line.startswith("$ ")]
         if work.succeeded:
-            file = work.output / CAMERAS
+            file = work.output / CALIBRATION
             rig = read_calibration(file)
             CameraNodes(self._server.scene, rig)
             middle = rig.centres.mean(axis=0)

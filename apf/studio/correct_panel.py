@@ -23,8 +23,7 @@ from apf.tracking.retracking import (
 )
 from apf.tracking.track import Track
 from cl import InputError, UserError
-from psfs.common.files import read_toml
-from psfs.common.requests import SETTINGS, Stated, read_flags, split_tables
+from psfs.common.requests import SETTINGS, Stated, read_config
 from psfs.page.pictures import crosses, locate_point
 from psfs.page.server import read_choice
 from psfs.page.timeline import add_key
@@ -265,10 +264,8 @@ def _repeat_request(opened: OpenedTracks, corrections: Path) -> TrackRequest:
     settings = opened.folder / SETTINGS
     if opened.sequence is None or not settings.exists():
         raise InputError(f"{opened.folder}: lacks its footage or {SETTINGS}; expected both")
-    flags, tables = split_tables(read_toml(settings))
-    values = read_flags(settings, TrackRequest, flags)
-    own = {"folders": (opened.sequence.folder,), "corrections": corrections}
-    return TrackRequest.from_stated(Stated({**values, **own}, tables, settings))
+    added = Stated({"folders": (opened.sequence.folder,), "corrections": corrections})
+    return TrackRequest.from_stated(added.over(read_config(TrackRequest, settings)))
 
 
 def _order(name: str) -> tuple[bool, str]:

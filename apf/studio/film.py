@@ -14,7 +14,6 @@ import cv2
 import numpy as np
 
 from apf.live.cameras import Captures, average_pictures
-from apf.studio.folders import CAMERAS
 from apf.studio.opened import MakeDevice
 from apf.studio.target_fields import FoundTarget, TargetFields
 from apf.studio.work import free_folder
@@ -31,6 +30,7 @@ from psfs.output.preview import label_picture
 from psfs.page.pictures import blend_silhouette, fill_view, mosaic, small_pictures
 from psfs.page.timeline import add_key
 from psfs.page.words import make_lines, make_table, make_text
+from psfs.request import CALIBRATION
 from psfs.sequence import Frame
 
 if TYPE_CHECKING:
@@ -154,7 +154,7 @@ class FilmView:
             ]
         named = zip(pictures, self._captures.rig.names, strict=True)
         fill_view(self._server, mosaic([label_picture(picture, name) for picture, name in named]))
-        self.words.content = make_lines([self._describe()]) + self._list_found()
+        self._tell()
 
     def close(self) -> None:
         """End a recording and all work, and remove everything from the page; the cameras go on."""
@@ -175,7 +175,7 @@ class FilmView:
             if frame is None:
                 if self._captures.ended:
                     self._note = "warning", self._captures.ended
-                    self.words.content = make_lines([self._describe()]) + self._list_found()
+                    self._tell()
                     return
                 continue
             shown = frame.index
@@ -242,7 +242,7 @@ class FilmView:
     def _write_surroundings(self, folder: Path, names: list[str], cameras: Path | None) -> None:
         """Write the calibration and the empty room beside a recording's videos."""
         if cameras is not None:
-            shutil.copyfile(cameras, folder / CAMERAS)
+            shutil.copyfile(cameras, folder / CALIBRATION)
         for number, images in enumerate([] if self._collecting else self._empty):
             cropped = crop_pictures(Frame(0, images, None), self._captures.rig)
             for name, picture in zip(names, cropped, strict=True):
@@ -250,20 +250,18 @@ class FilmView:
                 place.mkdir(parents=True, exist_ok=True)
                 write_picture(place / f"{number:03d}.png", picture)
 
-    def _list_found(self) -> str:
-        """Return what of the target, or of the person, was seen, HTML."""
+    def _tell(self) -> None:
+        """Say what is done, and what of the target, or of the person, was seen."""
+        found, line = "", self._note
         if self.mode.value == TARGET:
-            return self.found.describe(self.target.lenses_known)
-        if self.mode.value == PERSON and self.person is not None:
-            return self.person.describe()
-        return ""
-
-    def _describe(self) -> tuple[str, object]:
+            found = self.found.describe(self.target.lenses_known)
+        elif self.mode.value == PERSON and self.person is not None:
+            found = self.person.describe()
         if self._collecting:
-            return "note", f"the empty room: {len(self._empty)} of {_EMPTY} pictures"
-        if self._recorded is not None:
-            return "note", f"recording into {self._recorded[0].name}"
-        return self._note
+            line = "note", f"the empty room: {len(self._empty)} of {_EMPTY} pictures"
+        elif self._recorded is not None:
+            line = "note", f"recording into {self._recorded[0].name}"
+        self.words.content = make_lines([line]) + found
 
 
 class PersonCheck:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,11 +17,10 @@ from psfs.footage.layouts.native import NATIVE, find_settings_calibration
 from psfs.footage.layouts.uncalibrated import list_pictures
 from psfs.footage.media import IMAGE_SUFFIXES, VIDEO_SUFFIXES
 from psfs.footage.settings import SequenceSettings
+from psfs.request import CALIBRATION
 
 #: Levels below a given folder that are searched, and the most folders that are listed.
 _DEPTH, _MOST = 3, 500
-#: The file of cameras that `psfs calibrate` writes.
-CAMERAS = "calibration.toml"
 #: Parts of a take or a run, which are not searched.
 _INSIDE = ("clouds", "parts", "videos", "background", "truth_masks", "keypoints")
 
@@ -70,15 +70,19 @@ class Roots:
 
     def find_calibrations(self) -> dict[str, Path]:
         """Return the files of cameras by the names of their folders."""
-        return {name: path / CAMERAS for path, name in self._walk() if (path / CAMERAS).is_file()}
+        files = {name: path / CALIBRATION for path, name in self._walk()}
+        return {name: path for name, path in files.items() if path.is_file()}
 
     def _walk(self) -> Iterator[tuple[Path, str]]:
         """Yield the folders that may be opened, with their names."""
         for root in self._folders:
-            for path in _walk(root, _DEPTH):
+            for where, inner, _ in os.walk(root, followlinks=True):
+                path = Path(where)
+                steps = path.relative_to(root).parts
+                searched = inner if len(steps) < _DEPTH else []
+                inner[:] = sorted(n for n in searched if n[0] != "." and n not in _INSIDE)
                 if path.resolve().is_relative_to(root):
-                    name = path.relative_to(root).as_posix()
-                    yield path, root.name if name == "." else name
+                    yield path, "/".join(steps) or root.name
 
 
 def find_kind(folder: Path) -> str | None:
@@ -120,16 +124,3 @@ def _is_take(folder: Path) -> bool:
     except UserError:  # a file that cannot be read
         return True
     return layout is not None
-
-
-def _walk(folder: Path, depth: int) -> Iterator[Path]:
-    yield folder
-    if depth == 0:
-        return
-    try:
-        inner = sorted(entry for entry in folder.iterdir() if entry.is_dir())
-    except OSError:  # a folder that may not be read
-        return
-    for entry in inner:
-        if not entry.name.startswith(".") and entry.name not in _INSIDE:
-            yield from _walk(entry, depth - 1)

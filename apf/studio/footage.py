@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -17,7 +16,7 @@ from psfs.diagnostics.person_in_view import PersonInView, find_person_in_views
 from psfs.diagnostics.sequence_info import UNIT_ASKED, SequenceInfo, sequence_info
 from psfs.diagnostics.tangency import Tangency
 from psfs.page.clouds import Opened
-from psfs.page.nodes import Box, BoxNode, box_around
+from psfs.page.nodes import BoxNode, box_around
 from psfs.page.pictures import blend_silhouette, mosaic, small_pictures
 from psfs.page.watch import Watch
 from psfs.page.words import make_lines, make_table, make_text
@@ -33,27 +32,11 @@ _MOST_LAG = 30  # frames; longest lag that the curves show
 VIEWER = np.array([0.6, -0.9, 0.5])
 
 
-@dataclass(frozen=True, eq=False)
-class OpenedTake(Opened):
-    """A take before it is tracked. info: what is known without its pictures."""
-
-    info: SequenceInfo = field(kw_only=True)
-
-    @property
-    def box(self) -> Box:
-        """Lowest and highest corner (3,) m of the volume that is stated, or that cameras share."""
-        assert self.sequence is not None
-        stated = self.sequence.volume or self.info.shared
-        low, high = stated if stated is not None else box_around(self.info.centre)
-        return np.round(low, 2), np.round(high, 2)
-
-
 class FootageView(Watch):
     """A take on the page, shown until `close`. make_device: makes the device that silhouettes,
     faults and the volume are computed on. Other arguments as those of `Watch`."""
 
     layers = ("cameras",)
-    opened: OpenedTake
 
     def __init__(
         self,
@@ -67,8 +50,10 @@ class FootageView(Watch):
         self._person: list[PersonInView] = []
         self._notes: list[tuple[str, object]] = [("note", "examining the footage ...")]
         self._beside, frames = panels[1], np.arange(max(1, len(sequence)))
-        info = sequence_info(sequence)
-        opened = OpenedTake(sequence.folder, frames, sequence.fps, sequence, None, info=info)
+        self._info = info = sequence_info(sequence)
+        low, high = sequence.volume or info.shared or box_around(info.centre)
+        box = np.round(low, 2), np.round(high, 2)
+        opened = Opened(sequence.folder, frames, sequence.fps, box, sequence, None)
         super().__init__(server, opened, *panels)
         self.box = BoxNode(server.scene, "/volume", self._corners, self.drag_box)
         #: It goes on after `close` until the step that it is at has ended.
@@ -118,7 +103,7 @@ class FootageView(Watch):
 
     def _first_view(self) -> tuple[np.ndarray, np.ndarray]:
         centre = np.mean(self.opened.box, axis=0)
-        return centre, centre + max(1.0, self.opened.info.extent) * VIEWER
+        return centre, centre + max(1.0, self._info.extent) * VIEWER
 
     def _set_corners(self, corners: np.ndarray) -> None:
         """Set the box on the page to corners (2, 3) m."""
@@ -165,17 +150,17 @@ class FootageView(Watch):
             if self._closed.is_set():
                 return
             known = any(fault.kind in ("unit", "calibration") for fault in examination.faults)
-            self._notes = _list_faults(self.opened.info, self.sequence.notes, known)
+            self._notes = _list_faults(self._info, self.sequence.notes, known)
             self._notes += [("warning", text) for text in warnings]
             self._notes += [("note", text) for text in faults]
             advice = self._show_person(examination)
             self._notes += [("warning", text) for text in advice]
-            if not (warnings or advice or self.opened.info.warnings):
+            if not (warnings or advice or self._info.warnings):
                 self._notes.append(("good", "no problems found"))
             if not self._own_box.value:
                 self._set_corners(np.stack([volume.low, volume.high]))
         if not self._closed.is_set():
-            self._remarks.content = self._describe()
+            self.remarks.content = self._describe()
 
     def _show_person(self, examination: Examination) -> list[str]:
         """Show what each camera sees of the person, and how the cameras are in time; return what to
@@ -194,7 +179,7 @@ class FootageView(Watch):
         return [text for seen in self._person if (text := seen.describe())]
 
     def _describe(self) -> str:
-        info = self.opened.info
+        info = self._info
         rows: list[tuple[object, ...]] = [
             (c.name, f"{c.distance:.2f}", f"{c.height:.2f}") for c in info.cameras
         ]

@@ -36,7 +36,7 @@ class LivePage(BrowserPage):
         self,
         start: LiveStart,
         rig: CameraRig,
-        stop: Callable[[], object],
+        stop: Callable[[], None],
     ) -> None:
         super().__init__("psfs-apf live", 0)
         self._run: tuple[LiveResult, Timeline] | None = None
@@ -51,7 +51,8 @@ class LivePage(BrowserPage):
         self._began: int | None = None  # frame in which the take that is recorded began
         self._record.on_click(lambda event: self.press_record())
         add_key(gui, "Begin or end a take", "R", self.press_record)
-        self._stop = stop
+        #: Ends the run.
+        self.press_end = stop
         self._button.on_click(lambda event: self.press_end())
         add_key(gui, "End the run", "X", self.press_end)
         self.nodes = [
@@ -98,10 +99,6 @@ class LivePage(BrowserPage):
         else:
             self._takes, self._began = self.takes, None
         self._record.label = _BEGIN if self._began is None else "end this take"
-
-    def press_end(self) -> None:
-        """End the run."""
-        self._stop()
 
     def close(self) -> None:
         """Draw the last pose, and end the server."""

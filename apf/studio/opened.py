@@ -22,7 +22,7 @@ from apf.tracking.people import PeopleTracks, holds_people, list_people, person_
 from apf.tracking.track import Track
 from cl import Device, InputError, NumpyDevice, UserError
 from psfs.page.clouds import CarvedClouds, Opened, try_footage
-from psfs.page.nodes import Box, box_around
+from psfs.page.nodes import box_around
 from psfs.sequence import Frame, Sequence
 from psfs.session import Session, SessionSettings
 from psfs.voxels.config import ReconstructionConfig
@@ -68,14 +68,6 @@ class OpenedTracks(Opened):
         """The track of the only person, or of the first one."""
         return next(iter(self.tracks.values()))
 
-    @property
-    def box(self) -> Box:
-        """The box of the voxels; without voxels that around the people."""
-        if self.clouds is not None:
-            return super().box
-        joints = [track.joints.reshape(-1, 3) for track in self.tracks.values()]
-        return box_around(np.concatenate(joints))
-
 
 @dataclass(frozen=True, eq=False)
 class RunningTake:
@@ -90,8 +82,7 @@ def add_tracks(
 ) -> OpenedTracks:
     """Return opened voxels with the bodies of tracks, by name, in them; seen: see
     `read_seen_frames`."""
-    fields = {one: getattr(opened, one) for one in Opened.__dataclass_fields__}
-    return OpenedTracks(**fields, tracks=tracks, seen=seen)
+    return OpenedTracks(**vars(opened), tracks=tracks, seen=seen)
 
 
 def open_track(
@@ -135,10 +126,13 @@ def open_track(
                     yield frame.index, frame.cloud
 
         clouds = CarvedClouds(grid, len(frames), carve, known)
+    joints = [track.joints.reshape(-1, 3) for track in tracks.values()]
+    voxels = None if clouds is None else clouds.grid
+    box = (voxels.low, voxels.high) if voxels else box_around(np.concatenate(joints))
     quality, look_at = _gather_judgements(list(tracks), summaries)
     people = summaries[0].get("people", 1) if summaries else len(tracks)
     return OpenedTracks(
-        folder, frames, first.fps, sequence, clouds, tuple(remarks), running is None,
+        folder, frames, first.fps, box, sequence, clouds, tuple(remarks), running is None,
         tracks=tracks, seen=read_seen_frames(folder), people=people, quality=quality,
         look_at=look_at,
     )  # fmt: skip

@@ -26,6 +26,7 @@ from psfs.page.drop import receive_files
 from psfs.page.server import BrowserPage
 from psfs.page.watch import Watch
 from psfs.page.words import make_lines, make_steps, make_text
+from psfs.request import parse_sync
 from psfs.sequence import Sequence
 
 if TYPE_CHECKING:
@@ -69,11 +70,9 @@ class Page(BrowserPage):
         self._demo = WorkSlot()
         super().__init__("psfs-apf studio", port, self._receive)
         self._lock = threading.RLock()
-        self.watch: Watch | None = None
-        self.footage: FootageView | None = None
+        #: What is open: a folder, or the live cameras.
+        self.view: Watch | CalibrateView | FilmView | None = None
         self._examiners: list[threading.Thread] = []
-        self.calibrate: CalibrateView | None = None
-        self.film: FilmView | None = None
         self._captures = captures
         gui = self.server.gui
         self.pictures = self.add_pictures(TrackWatch.beside_label)
@@ -120,7 +119,7 @@ class Page(BrowserPage):
             if kind == "track":
                 running = self.run.find_running(path)
                 opened = open_track(path, self._make_device, self._show_carved, running)
-                self.watch = TrackWatch(server, opened, *panels, self._line)
+                self.view = TrackWatch(server, opened, *panels, self._line)
                 self._offer()
                 if running is None:
                     verdict = [
@@ -131,12 +130,12 @@ class Page(BrowserPage):
                 else:
                     self._show_step("Track", "The track so far; tab Track says how far it is.")
             elif kind == "voxels":
-                self.watch = Watch(server, open_voxels(path), *panels, self._line)
+                self.view = Watch(server, open_voxels(path), *panels, self._line)
             elif kind == "take":
                 self._open_footage(Sequence.open(path))
             elif kind == "views":
                 known = self.roots.find_calibrations()
-                self.calibrate = CalibrateView(
+                self.view = CalibrateView(
                     server, path, panels, self._results, known,
                     lambda cameras: self._open_with_cameras(path, cameras),
                 )  # fmt: skip
@@ -155,7 +154,7 @@ class Page(BrowserPage):
             self._message.content, self.demo_button.visible = "", False
             self._show_empty(False)
             self._opened = self._folder.value = _LIVE
-            self.film = FilmView(
+            self.view = FilmView(
                 self.server, self._captures, (self.watching, self.pictures),
                 known=self.roots.find_calibrations(), results=self._results,
                 make_device=self._make_device, open_folder=self._show_run,
@@ -166,12 +165,11 @@ class Page(BrowserPage):
         """Close the folder that is open, if one is."""
         with self._lock:
             self.correct.offer(None)  # its handle stands in the scene
-            if self.footage is not None:
-                self._examiners.append(self.footage.examiner)
-            for shown in (self.watch, self.footage, self.calibrate, self.film):
-                if shown is not None:
-                    shown.close()
-            self.watch = self.footage = self.calibrate = self.film = None
+            if isinstance(self.view, FootageView):
+                self._examiners.append(self.view.examiner)
+            if self.view is not None:
+                self.view.close()
+            self.view = None
             self._line.visible = False
             self._offer()
             self._show_empty(True)
@@ -183,7 +181,7 @@ class Page(BrowserPage):
 
     def _open_footage(self, sequence: Sequence) -> None:
         panels = self.watching, self.pictures
-        self.footage = footage = FootageView(self.server, sequence, panels, self._make_device)
+        self.view = footage = FootageView(self.server, sequence, panels, self._make_device)
         self.run.offer(sequence, lambda: footage.volume)
         self._show_step("Track")
 
@@ -214,10 +212,10 @@ class Page(BrowserPage):
 
     def _offer(self) -> None:
         """Have the panels offer what can be done with the run that is open, or nothing."""
-        tracked = self.watch if isinstance(self.watch, TrackWatch) else None
+        tracked = self.view if isinstance(self.view, TrackWatch) else None
         self.correct.offer(tracked)
         self.export.offer(tracked)
-        if self.footage is None:
+        if not isinstance(self.view, FootageView):
             self.run.offer(None)
 
     def stop(self) -> None:
@@ -292,13 +290,13 @@ class Page(BrowserPage):
         if self._stopping:
             return
         self.roots.add(output)
-        watch = self.watch
-        same = watch is not None and watch.opened.folder.resolve() == output.resolve()
+        watch, with_voxels = self.view, False
+        if isinstance(watch, TrackWatch) and watch.opened.folder.resolve() == output.resolve():
+            with_voxels = watch.shown["voxels"]
         try:
-            with_voxels = same and watch is not None and watch.shown["voxels"]
             self.open(output)
-            if with_voxels and self.watch is not None:
-                self.watch.show_layer("voxels")
+            if with_voxels and isinstance(self.view, TrackWatch):
+                self.view.show_layer("voxels")
         except UserError as error:  # its first part is just being replaced
             self.say(error)
 
@@ -312,16 +310,13 @@ class Page(BrowserPage):
         await receive_files(connection, lambda: free_folder(self._results, "dropped"), show)
 
     def _show_carved(self, frame: int) -> None:
-        if (watch := self.watch) is not None:
+        if isinstance(watch := self.view, TrackWatch):
             watch.show_carved(frame)
 
 
-def _read_times(cameras: Path) -> dict[str, dict[str, int]]:
+def _read_times(cameras: Path) -> dict[str, Any]:
     """Return how late the cameras of a calibration by a person are, as the setting `sync`; nothing
     for other calibrations."""
     report = cameras.with_suffix(".json")
     late = read_json(report, "a report").get("sync") if report.is_file() else None
-    if not isinstance(late, str):
-        return {}
-    pairs = (pair.partition("=") for pair in late.split(","))
-    return {"sync": {name: int(frames) for name, _, frames in pairs}}
+    return {"sync": parse_sync(late)} if isinstance(late, str) else {}

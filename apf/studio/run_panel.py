@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import json
 import shlex
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
 from types import NoneType
 from typing import TYPE_CHECKING, Any
@@ -29,7 +29,7 @@ from psfs.common.config import (
     fields_below,
     part_kind,
 )
-from psfs.common.requests import Stated
+from psfs.common.requests import Stated, nest_tables
 from psfs.diagnostics.sequence_info import find_keypoints
 from psfs.page.server import read_choice, read_metres
 from psfs.page.timeline import add_key
@@ -75,7 +75,7 @@ class ChosenSettings:
         tried = {**self.values, path: value}
         if value == self.default(path) or (value is None and NoneType not in kinds):
             tried.pop(path)
-        tables = _nest(tried)
+        tables = nest_tables(tried)
         for node, config in self._defaults.items():
             config.overlay(tables.get(node, {}), node)
         self.values = tried
@@ -83,7 +83,7 @@ class ChosenSettings:
     @property
     def tables(self) -> dict[str, Any]:
         """The values as tables for a TOML file."""
-        return _nest(self.values)
+        return nest_tables(self.values)
 
 
 class SettingsPanel:
@@ -149,17 +149,6 @@ def _parse(text: str, name: str) -> Any:
         return json.loads(text)
     except ValueError:
         raise InputError(f"{name} is {text!r}; expected a number, a list or null") from None
-
-
-def _nest(values: Mapping[tuple[str, ...], Any]) -> dict[str, Any]:
-    """Return values by paths as nested tables."""
-    whole: dict[str, Any] = {}
-    for path, value in values.items():
-        table = whole
-        for name in path[:-1]:
-            table = table.setdefault(name, {})
-        table[path[-1]] = value
-    return whole
 
 
 #: What fields say before anything is stated.

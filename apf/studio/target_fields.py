@@ -12,14 +12,16 @@ import numpy as np
 
 from cl import InputError
 from psfs.calibration.report import CELLS, Coverage, measure_coverage
-from psfs.calibration.targets.boards import CharucoFinder, ChessboardFinder
 from psfs.calibration.targets.detection import Finder
 from psfs.calibration.targets.markers import MarkerFinder
 from psfs.calibration.targets.target import Sighting, make_wand
 from psfs.cameras.camera import CameraRig
+from psfs.cli.calibrate import make_board_finders
 from psfs.common.files import temporary_folder
+from psfs.common.requests import Stated
 from psfs.page.server import read_choice, read_metres
 from psfs.page.words import make_lines, make_table, make_text
+from psfs.request import CalibrateRequest
 
 if TYPE_CHECKING:
     import viser
@@ -143,13 +145,9 @@ class TargetFields:
     def make_finder(self, find_medians: Callable[[], list[np.ndarray]]) -> Finder:
         """Return the detector of the target. find_medians: returns each camera's grey picture (h,
         w) uint8 without what moves, for a wand. Raises InputError."""
-        if self.kind.value == WAND:
-            target = make_wand(read_metres(self.wand, "wand's length"))
-            return MarkerFinder(target, find_medians())
-        squares, square = self._squares(), float(self.square.value)
-        if self.kind.value == CHESSBOARD:
-            return ChessboardFinder(squares, square)
-        return CharucoFinder(squares, square, _MARKER * square)
+        request = CalibrateRequest.from_stated(Stated(self.stated()))
+        boards = make_board_finders(request)
+        return boards[0] if boards else MarkerFinder(make_wand(request.wand or ()), find_medians())
 
     def stated(self) -> dict[str, Any]:
         """Return what the fields state for a `CalibrateRequest`. Raises InputError."""

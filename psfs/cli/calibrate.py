@@ -41,7 +41,6 @@ from psfs.cli.person import calibrate_from_person
 from psfs.cli.refinement import refine
 from psfs.common.files import write_json
 from psfs.common.outputs import output_folder
-from psfs.common.ranges import check_number
 from psfs.common.requests import SETTINGS, write_settings
 from psfs.common.system import versions
 from psfs.request import (
@@ -129,9 +128,8 @@ def _print_board(request: CalibrateRequest) -> None:
 
 
 def _calibrate(request: CalibrateRequest) -> None:
-    check_number("--height, m,", request.height, -10, 10)
     request = _read_board_file(request)
-    boards = _make_board_finders(request)
+    boards = make_board_finders(request)
     board = boards[0] if boards else None
     views = open_uncalibrated(request.folder or Path(), request.capture)
     chosen, floor = _choose_frames(request, views)
@@ -154,7 +152,7 @@ def _calibrate(request: CalibrateRequest) -> None:
     _write(request, views, result, warnings)
 
 
-def _make_board_finders(
+def make_board_finders(
     request: CalibrateRequest,
 ) -> list[CharucoFinder] | list[ChessboardFinder]:
     """Return the detectors of the boards; none for a wand. Raises InputError for flags that exclude
@@ -185,7 +183,6 @@ def _make_board_finders(
     if request.board == "chessboard":
         return [ChessboardFinder(request.squares, request.square)]
     marker = 0.75 * request.square if request.marker is None else request.marker
-    check_number("--boards", request.boards, 1, 20)
     step = request.squares[0] * request.squares[1] // 2
     return [
         CharucoFinder(request.squares, request.square, marker, request.dictionary, number * step)

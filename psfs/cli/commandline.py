@@ -8,11 +8,10 @@ import re
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
 from datetime import datetime
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TextIO
+from typing import TYPE_CHECKING, Any, ClassVar, TextIO
 
 from cl import InputError
 from psfs.common.ranges import escape_unprintable
@@ -23,21 +22,13 @@ if TYPE_CHECKING:
     from rich.table import Table
 
 
-@dataclass
-class _State:
-    """State of the running command's messages, from its flags."""
-
-    running: bool = False
-    quiet: bool = False
-    log: Console | None = None
-
-
-_state = _State()
-
-
 class Messages:
     """Texts and tables printed on a stream, and into the log file if there is one. rich's console
     is created with the first message, since importing it takes a while."""
+
+    #: The log file, and whether a command has applied its flags; of all streams.
+    log: ClassVar[Console | None] = None
+    applied: ClassVar[bool] = False
 
     def __init__(self, stderr: bool = False) -> None:
         self.quiet = False
@@ -60,8 +51,8 @@ class Messages:
         )
         if not self.quiet:
             self.console.print(*objects, **options)
-        if _state.log is not None:
-            _state.log.print(*objects, soft_wrap=True)
+        if self.log is not None:
+            self.log.print(*objects, soft_wrap=True)
 
 
 #: Results go to standard output, progress and messages to standard error.
@@ -70,7 +61,7 @@ stdout, stderr = Messages(), Messages(stderr=True)
 
 def warn(text: str, stream: Messages = stderr) -> None:
     """Print a warning on `stream`; with --quiet on standard error."""
-    remark("warning", "yellow", text, stderr if _state.quiet else stream)
+    remark("warning", "yellow", text, stderr if stdout.quiet else stream)
 
 
 def remark(kind: str, style: str, text: str, stream: Messages = stdout) -> None:
@@ -84,7 +75,7 @@ def remark(kind: str, style: str, text: str, stream: Messages = stdout) -> None:
 def messages(args: argparse.Namespace) -> Iterator[None]:
     """Apply --verbose, --quiet and --log-file; a command within a command keeps the settings of the
     outer one. Raises InputError if the log file cannot be written."""
-    if _state.running:
+    if Messages.applied:
         yield
         return
     root = logging.getLogger()
@@ -113,25 +104,18 @@ def messages(args: argparse.Namespace) -> Iterator[None]:
             stack.callback(root.removeHandler, handler)
         stack.callback(root.setLevel, level_before)
         root.setLevel(logging.INFO if args.verbose or log else logging.WARNING)
-        _state.running, _state.quiet, _state.log = True, args.quiet, log
-        stdout.quiet = args.quiet
+        Messages.applied, Messages.log, stdout.quiet = True, log, args.quiet
         try:
             yield
         finally:
-            _state.running, _state.quiet, _state.log = False, False, None
-            stdout.quiet = False
-
-
-def has_log() -> bool:
-    """Return whether messages go into a log file, too."""
-    return _state.log is not None
+            Messages.applied, Messages.log, stdout.quiet = False, None, False
 
 
 def log_line(text: str) -> None:
     """Write a line, with the time, into the log file, if there is one."""
-    if _state.log is not None:
+    if Messages.log is not None:
         now = datetime.now().strftime("%Y-%m-%d %H:%M:%S")
-        _state.log.print(f"{now} {text}", soft_wrap=True)
+        Messages.log.print(f"{now} {text}", soft_wrap=True)
 
 
 def _open_log(path: Path) -> TextIO:
@@ -169,16 +153,11 @@ def add_message_flags(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def is_quiet() -> bool:
-    """Return whether --quiet is set."""
-    return _state.quiet
-
-
 def progress_bar() -> Progress:
     """Return a progress bar for long work, on standard error."""
     from psfs.cli.console import make_progress_bar
 
-    return make_progress_bar(stderr.console, _state.quiet)
+    return make_progress_bar(stderr.console, stdout.quiet)
 
 
 def make_table(title: str, names: Sequence[str], figures: Sequence[str]) -> Table:

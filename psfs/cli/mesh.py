@@ -15,10 +15,9 @@ from psfs.cli.commandline import progress_bar, stdout, warn
 from psfs.common.files import resolve_path, write_json
 from psfs.common.numbers import json_number
 from psfs.common.outputs import output_folder
-from psfs.common.ranges import check_number
 from psfs.common.regions import iou
 from psfs.diagnostics.reprojection_iou import Checker
-from psfs.mesh.config import FORMATS, MOST_SMOOTHING
+from psfs.mesh.config import FORMATS
 from psfs.mesh.marching_cubes import Mesher, write_mesh
 from psfs.mesh.preview import load_open3d, mesh_silhouette
 from psfs.output.reconstruction_folder import ReconstructionFolder
@@ -31,7 +30,6 @@ _REPORT = "mesh_check.json"
 
 
 def run(request: MeshRequest) -> None:
-    check_number("--smooth, steps,", request.smooth, 0, MOST_SMOOTHING)
     if request.check:
         load_open3d()  # says what is missing before the work
     run = ReconstructionFolder.open(request.out)

@@ -22,7 +22,6 @@ from psfs.cameras.names import join_names, match_files_to_cameras
 from psfs.cli.commandline import make_table, progress_bar, remark, stdout, warn
 from psfs.common.files import write_json
 from psfs.common.progress import map_in_threads
-from psfs.common.ranges import check_number
 from psfs.common.requests import write_settings
 from psfs.common.system import versions
 from psfs.diagnostics.small_views import LARGE_SIDE, Outline
@@ -71,11 +70,8 @@ def calibrate_from_person(request: PersonRequest) -> None:
 
 def read_person_config(request: PersonRequest) -> PersonConfig:
     """Return the settings of `[person]` with the stature, m, of --stature, if it is stated."""
-    config = request.person_settings
-    if request.stature is not None:
-        check_number("--stature, m,", request.stature, 0.3, 3)
-        config = config.replace(stature=request.stature)
-    return config
+    config, stature = request.person_settings, request.stature
+    return config if stature is None else config.replace(stature=stature)
 
 
 def open_person_footage(request: PersonRequest) -> Sequence:

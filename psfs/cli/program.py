@@ -14,7 +14,7 @@ import tempfile
 import threading
 import time
 import traceback
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from importlib import import_module
@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from cl import InputError, UserError
-from psfs.cli.commandline import add_message_flags, has_log, log_line, messages
+from psfs.cli.commandline import Messages, add_message_flags, log_line, messages
 from psfs.common.outputs import guard_files
 from psfs.common.ranges import escape_unprintable
 from psfs.common.system import (
@@ -48,39 +48,32 @@ _NEGATIVE = re.compile(r"-([xyz]$|[\d.])")
 
 @dataclass(frozen=True)
 class Command:
-    """A subcommand. help: one line. request: "module:class" of its request. work: the module whose
-    `run(request)` runs it. Both are imported when they are needed. group: heading of --help."""
+    """A subcommand of a package's program. NAME takes the request `package.request.NAMERequest`;
+    `run(request)` of `package.cli.NAME` does its work. Both modules are imported when they are
+    needed. help: one line. group: heading of --help."""
 
+    package: str
     name: str
     help: str
-    request: str
-    work: str
     group: str = ""
 
     @property
     def kind(self) -> type[Request]:
         """The class of its request."""
-        module, _, name = self.request.partition(":")
-        kind: type[Request] = getattr(import_module(module), name)
+        module = import_module(f"{self.package}.request")
+        kind: type[Request] = getattr(module, f"{self.name.capitalize()}Request")
         return kind
 
     def run(self, request: Request) -> None:
         """Check the request, import the work and run it. Raises UserError."""
         request.check_folders()
-        import_module(self.work).run(request)
+        import_module(f"{self.package}.cli.{self.name}").run(request)
 
 
 def list_commands(package: str, groups: Mapping[str, Mapping[str, str]]) -> tuple[Command, ...]:
-    """Return the commands of a package's program from their names and one-line helps, in groups;
-    NAME takes the request `package.request.NAMERequest`, and its work is in `package.cli.NAME`."""
+    """Return the commands of a package's program from their names and one-line helps, in groups."""
     return tuple(
-        Command(
-            name,
-            text,
-            f"{package}.request:{name.capitalize()}Request",
-            f"{package}.cli.{name}",
-            group,
-        )
+        Command(package, name, text, group)
         for group, helps in groups.items()
         for name, text in helps.items()
     )
@@ -290,21 +283,16 @@ def run_command(parser: argparse.ArgumentParser, argv: Sequence[str] | None = No
             parser.error("an argument holds the character NUL; expected text")
         args = parser.parse_args(words)
         with messages(args):
-            _run_logged(parser.prog, args, words)
+            if Messages.log is not None:
+                log_line(f"{parser.prog} {' '.join(words)} ({version_line()})")
+            try:
+                args.run(args)
+            except BaseException as error:
+                log_line(f"{parser.prog}: {type(error).__name__}\n{traceback.format_exc()}")
+                raise
+            log_line(f"{parser.prog}: done")
 
     return exit_code(parser.prog, run)
-
-
-def _run_logged(prog: str, args: argparse.Namespace, words: Sequence[str]) -> None:
-    """Run the subcommand, and write its start and end into the log file."""
-    if has_log():
-        log_line(f"{prog} {' '.join(words)} ({version_line()})")
-    try:
-        args.run(args)
-    except BaseException as error:
-        log_line(f"{prog}: {type(error).__name__}\n{traceback.format_exc()}")
-        raise
-    log_line(f"{prog}: done")
 
 
 class _Version(argparse.Action):
@@ -400,25 +388,16 @@ def describe_user_error(error: Exception) -> str | None:
         where = os.fsdecode(error.filename) if named else "standard output, or a file"
         return f"{where}: cannot be read or written: {error.strerror}"
     unmapped = isinstance(error, ImportError) and "failed to map segment" in str(error)
-    if isinstance(error, MemoryError) or unmapped:
-        return short
-    return short if _is_memory_of_opencv(error) else None
-
-
-def _is_memory_of_opencv(error: Exception) -> bool:
     cv2 = sys.modules.get("cv2")  # an error of OpenCV's comes from an imported OpenCV
-    return cv2 is not None and isinstance(error, cv2.error) and error.code == cv2.Error.StsNoMem
+    opencv = cv2 is not None and isinstance(error, cv2.error) and error.code == cv2.Error.StsNoMem
+    return short if isinstance(error, MemoryError) or unmapped or opencv else None
 
 
-@contextlib.contextmanager
-def _interrupt_on_signals() -> Iterator[None]:
+def _interrupt_on_signals() -> contextlib.AbstractContextManager[None]:
     """Raise KeyboardInterrupt inside, in the main thread, on the signals of `_ENDING`."""
     if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-
-    with handle_signals(interrupt, _ENDING):
-        yield
+        return contextlib.nullcontext()
+    return handle_signals(interrupt, _ENDING)
 
 
 def _say(text: str) -> None:

@@ -49,8 +49,6 @@ _FINE = 2.0
 
 
 def run(request: ReconstructRequest) -> None:
-    if not 0 <= request.debris <= 1:
-        raise InputError(f"--debris is {request.debris}; expected a share between 0 and 1")
     expected = (
         reconstruction_folder.SUMMARY,
         "preview.png",
@@ -127,36 +125,29 @@ class _Job:
     """
 
     def __init__(self, prepared: Reconstruction) -> None:
-        session, request, grid = prepared.session, prepared.request, prepared.grid
-        self.left_out = prepared.examination.left_out
-        self.out = request.output or Path()
-        self.debris: float = request.debris
-        self.colour = request.colour
-        self.normals: bool = request.normals
-        self.request, self.stated = request, stated_keys(request.capture)
-        self.sequence, self.grid, self.device = session.sequence, grid, session.device
-        self.config = session.reconstruction
-        self.reconstructor = prepared.reconstructor
+        session, self.request, self.grid = prepared.session, prepared.request, prepared.grid
+        self.prepared, self.out = prepared, self.request.output or Path()
+        self.sequence, self.device = session.sequence, session.device
         self.expected = len(session.frames)
         self.n_stated, self._stated_at = 0, -math.inf
         self.done: list[dict[str, Any]] = []
         self._waiting: list[tuple[int, VoxelCloud]] = []  # empty clouds before the first full one
         self._ms: dict[str, list[float]] = defaultdict(list)
-        self._region = volume_region(session.rig, grid)
+        self._region = volume_region(session.rig, self.grid)
         self._beyond: list[np.ndarray] = []
 
     def reconstruct(self, frame: Any) -> None:
         started = time.perf_counter()
-        voxels = self.reconstructor(frame)
+        voxels = self.prepared.reconstructor(frame)
         if isinstance(self.device, Device):
             self.device.finish()
         computed = time.perf_counter()
         if len(self.done) % max(1, self.expected // _COMPARED) == 0:
-            shown = self.reconstructor.evidence() > 0
+            shown = self.prepared.reconstructor.evidence() > 0
             whole = whole_silhouettes(shown, self._region)
             self._beyond.append(share_beyond_volume(whole, self._region))
-        colour = self.colour and frame.images is not None
-        cloud = remove_debris(voxels.cloud(colour=colour), self.debris)
+        colour = self.request.colour and frame.images is not None
+        cloud = remove_debris(voxels.cloud(colour=colour), self.request.debris)
         downloaded = time.perf_counter()
         self._waiting.append((frame.index, cloud))
         if len(cloud) or self.done:
@@ -168,7 +159,8 @@ class _Job:
 
     def _write(self) -> None:
         for index, cloud in self._waiting:
-            write_cloud(cloud, reconstruction_folder.cloud_stem(self.out, index), self.normals)
+            stem = reconstruction_folder.cloud_stem(self.out, index)
+            write_cloud(cloud, stem, self.request.normals)
             fact = {"index": index, "surface_voxels": len(cloud), "volume_m3": cloud.volume}
             self.done.append(fact)
         self._waiting.clear()
@@ -204,14 +196,16 @@ class _Job:
         write_picture(self.out / "preview.png", picture)
 
     def _summary(self) -> dict[str, Any]:
+        reasons = {s.cameras[0]: str(s) for s in self.prepared.examination.left_out}
+        stated = stated_keys(self.request.capture)
         return {
             "sequence": reconstruction_folder.sequence_facts(
-                self.sequence, self.out, self.stated, {s.cameras[0]: str(s) for s in self.left_out}
+                self.sequence, self.out, stated, reasons
             ),
             "complete": len(self.done) == self.expected,
             "grid": reconstruction_folder.grid_facts(self.grid),
-            "config": self.config.to_dict(),
-            "debris_share": self.debris,
+            "config": self.prepared.session.reconstruction.to_dict(),
+            "debris_share": self.request.debris,
             "device": reconstruction_folder.device_facts(self.device),
             "versions": versions(),
             "median_ms": self.timings(),

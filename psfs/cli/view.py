@@ -17,7 +17,7 @@ from psfs.mesh.preview import draw_mesh_preview
 from psfs.output.preview import draw_preview
 from psfs.output.reconstruction_folder import ReconstructionFolder
 from psfs.page.clouds import Opened, open_voxels
-from psfs.page.server import BrowserPage, MissingViserError
+from psfs.page.server import BrowserPage, import_viser
 from psfs.page.watch import ViewPage, Watch
 from psfs.request import PageRequest, ViewRequest
 from psfs.sequence import Frame, Sequence
@@ -61,11 +61,11 @@ def show_page(
     request: ViewRequest, open_run: OpenRun, frame: int | None, watch: type[Watch] = Watch
 ) -> None:
     """Show a run on a page until Ctrl-C, beginning with `frame`; watch: the class that shows it."""
-    check_port(request)
     try:
-        page = ViewPage(open_run, frame=frame, watch=watch, port=request.port)
-    except MissingViserError as error:
+        import_viser()
+    except InputError as error:
         raise InputError(f"{error}; --png FILE writes a picture without it") from None
+    page = ViewPage(open_run, frame=frame, watch=watch, port=request.port)
     try:
         serve(page, request)
     finally:
@@ -79,12 +79,6 @@ def draw_run(request: ViewRequest, run: ReconstructionFolder, frame: Frame) -> n
     if mesher is None or not len(cloud):
         return draw_preview(cloud, sequence.rig, frame, title)
     return draw_mesh_preview(mesher(frame.index), sequence.rig, frame, title)
-
-
-def check_port(request: PageRequest) -> None:
-    """Raise InputError for a --port that is none."""
-    if not 0 <= request.port <= 65535:
-        raise InputError(f"--port is {request.port}; expected 0 (any) to 65535")
 
 
 def serve(page: BrowserPage, request: PageRequest) -> None:

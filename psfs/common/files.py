@@ -46,9 +46,9 @@ def check_folder(folder: Path, wanted: str = "expected a folder with calibrated 
 
 
 @contextmanager
-def name_file_in_errors(path: Path) -> Iterator[None]:
-    """Put the file's name before the text of every InputError raised inside that does not begin
-    with it; keep its class."""
+def name_file_in_errors(path: Path | str) -> Iterator[None]:
+    """Put the file's name, or what else they are about, before the text of every InputError raised
+    inside that does not begin with it; keep its class."""
     try:
         yield
     except InputError as error:

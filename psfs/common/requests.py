@@ -392,7 +392,7 @@ def set_flags(
 ) -> Any:
     """Return the settings of a part with the values that flags state, except those below the paths
     in `without`. Raises InputError that names the flag."""
-    nested: dict[str, Any] = {}
+    stated: dict[tuple[str, ...], Any] = {}
     flags: dict[str, str] = {}
     for option in list_options(kind):
         if option.part != name or values.get(option.dest) is None:
@@ -401,17 +401,24 @@ def set_flags(
             dotted = ".".join(path)
             if dotted.startswith(tuple(without)):
                 continue
-            flags[dotted] = option.name
-            table = nested
-            for step in path[:-1]:
-                table = table.setdefault(step, {})
-            table[path[-1]] = values[option.dest]
+            flags[dotted], stated[path] = option.name, values[option.dest]
     try:
-        return config.overlay(nested)
+        return config.overlay(nest_tables(stated))
     except SettingError as error:
         if error.path in flags:
             raise InputError(f"--{flags[error.path]}{error.problem}") from None
         raise
+
+
+def nest_tables(values: Mapping[tuple[str, ...], Any]) -> dict[str, Any]:
+    """Return values by the paths of names that lead to them as nested tables."""
+    whole: dict[str, Any] = {}
+    for path, value in values.items():
+        table = whole
+        for name in path[:-1]:
+            table = table.setdefault(name, {})
+        table[path[-1]] = value
+    return whole
 
 
 def collect_flags(request: Request, tables: Collection[str] = ()) -> dict[str, Any]:

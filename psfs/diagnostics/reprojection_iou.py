@@ -56,13 +56,24 @@ class Checker:
         return whole
 
     def __call__(self, frame: Frame, cloud: VoxelCloud) -> np.ndarray:
-        shape = (self.rig.height, self.rig.width)
         silhouettes = self.silhouettes(frame)
-        scores = []
-        for view, camera in enumerate(self.rig):
-            voxels = voxel_silhouette(camera, cloud.centres, self._extents[view], shape)
-            scores.append(iou(voxels & self.known[view], silhouettes[view]))
-        return np.array(scores)
+        return score_voxels(self.rig, self._extents, cloud.centres, silhouettes, self.known)
+
+
+def score_voxels(
+    rig: CameraRig,
+    extents: np.ndarray,
+    centres: np.ndarray,
+    silhouettes: np.ndarray,
+    known: np.ndarray,
+) -> np.ndarray:
+    """Return the IoU (V,) of voxels with `centres` (N, 3) m, of `extents` (see `voxel_footprints`),
+    and the silhouettes (V, H, W) bool, at pixels that are `known` (V, H, W)."""
+    scores = []
+    for camera, extent, shown, there in zip(rig, extents, silhouettes, known, strict=True):
+        voxels = voxel_silhouette(camera, centres, extent, shown.shape)
+        scores.append(iou(voxels & there, shown))
+    return np.array(scores)
 
 
 def whole_silhouettes(silhouettes: np.ndarray, region: np.ndarray) -> np.ndarray:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import Field
+from pydantic import AliasChoices, Field
 
 from cl import Device, InputError, MissingFileError, NumpyDevice
 from psfs.cameras.names import join_names
@@ -116,10 +116,20 @@ class SequenceFacts(Table):
     left_out: dict[str, str] | None = None
 
 
-class _GridFacts(Table):
-    origin_m: Vector
-    voxel_size_m: Positive
+class GridFacts(Table):
+    """The entries of `grid_facts` that are read; a track's provenance names no units."""
+
+    origin: Vector = Field(validation_alias=AliasChoices("origin_m", "origin"))
+    voxel_size: Positive = Field(validation_alias=AliasChoices("voxel_size_m", "voxel_size"))
     shape: Annotated[list[Annotated[int, Field(ge=1, le=2**20)]], Field(min_length=3, max_length=3)]
+
+    @property
+    def grid(self) -> VoxelGrid:
+        """The grid. Raises InputError if it is too large."""
+        nx, ny, nz = self.shape
+        grid = VoxelGrid(np.array(self.origin), self.voxel_size, (nx, ny, nz))
+        check_size(grid)
+        return grid
 
 
 class _FrameFacts(Table):
@@ -132,7 +142,7 @@ class _Summary(Table):
     """The entries of a summary that are read."""
 
     sequence: SequenceFacts
-    grid: _GridFacts
+    grid: GridFacts
     config: dict[str, Any]
     frames: list[_FrameFacts]
     complete: bool = True
@@ -153,7 +163,7 @@ class ReconstructionFolder:
         try:
             parse_values(_Summary, summary)
             run = cls(out, summary)
-            check_size(run.grid)
+            _ = run.grid  # raises InputError
         except InputError as error:
             raise InputError(f"{path}: not {what}: {error}") from None
         steps = np.diff(run.indices)
@@ -207,9 +217,7 @@ class ReconstructionFolder:
 
     @property
     def grid(self) -> VoxelGrid:
-        grid = self.summary["grid"]
-        nx, ny, nz = grid["shape"]
-        return VoxelGrid(np.array(grid["origin_m"]), grid["voxel_size_m"], (nx, ny, nz))
+        return parse_values(GridFacts, self.summary["grid"]).grid
 
     def cloud(self, index: int) -> VoxelCloud:
         """Read a frame's cloud. Raises InputError, also if its grid is another one."""

@@ -5,12 +5,13 @@ its footage.
 from __future__ import annotations
 
 import threading
+from abc import ABC, abstractmethod
 from collections import OrderedDict
 from collections.abc import Callable, Iterator
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
@@ -123,25 +124,27 @@ class Surface:
         return len(self.glb)
 
 
-class Clouds(Protocol):
+class Clouds(ABC):
     """The voxels of frames, by the frames' numbers, in one grid. colourings: what their colour can
     show, those of COLOURINGS."""
 
     grid: VoxelGrid
-    colourings: tuple[str, ...]
+    colourings: tuple[str, ...] = COLOURINGS[:1]
 
+    @abstractmethod
     def get(self, frame: int) -> Points | Surface | None:
         """Return the voxels of a frame; None as long as they are not known."""
 
-    def choose_colouring(self, colouring: str) -> None:
-        """Have colours show something else from now on."""
-
+    @abstractmethod
     def describe(self, frame: int) -> str:
         """Return what is known of a frame's voxels, for the page; empty if there is nothing to
         say."""
 
-    def close(self) -> None:
-        """End all work in the background."""
+    def choose_colouring(self, colouring: str) -> None:  # noqa: B027
+        """Have colours show something else from now on, if there is a choice."""
+
+    def close(self) -> None:  # noqa: B027
+        """End all work in the background, if there is any."""
 
 
 def grid_centre(grid: VoxelGrid) -> np.ndarray:
@@ -198,10 +201,10 @@ def make_surface(mesh: trimesh.Trimesh, cloud: VoxelCloud, colouring: str) -> Su
 
 
 class KeptPoints:
-    """The voxels that were used last, up to `most` bytes. It may be used by several threads."""
+    """The voxels that were used last, up to KEPT_BYTES. It may be used by several threads."""
 
-    def __init__(self, most: int = KEPT_BYTES) -> None:
-        self._most, self._lock = most, threading.Lock()
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
         self._points: OrderedDict[int, Points | Surface] = OrderedDict()
         self.nbytes = 0
 
@@ -221,26 +224,25 @@ class KeptPoints:
             old = self._points.pop(frame, None)
             self.nbytes += points.nbytes - (old.nbytes if old else 0)
             self._points[frame] = points
-            while self.nbytes > self._most and len(self._points) > 1:
+            while self.nbytes > KEPT_BYTES and len(self._points) > 1:
                 self.nbytes -= self._points.popitem(last=False)[1].nbytes
 
 
-class StoredClouds:
+class StoredClouds(Clouds):
     """The clouds that `psfs reconstruct` wrote, read when they are shown.
 
     mesher: makes the mesh of a frame's cloud, which is shown in its place.
     """
 
-    colourings: tuple[str, ...] = COLOURINGS
+    colourings = COLOURINGS
 
     def __init__(
         self,
         run: ReconstructionFolder,
         mesher: Callable[[int], trimesh.Trimesh] | None = None,
-        most: int = KEPT_BYTES,
     ) -> None:
-        self._run, self._mesher, self._most = run, mesher, most
-        self._kept, self._colouring = KeptPoints(most), COLOURINGS[0]
+        self._run, self._mesher = run, mesher
+        self._kept, self._colouring = KeptPoints(), COLOURINGS[0]
         self.grid = run.grid
         self._facts = {int(facts["index"]): facts for facts in run.summary["frames"]}
 
@@ -261,25 +263,20 @@ class StoredClouds:
     def choose_colouring(self, colouring: str) -> None:
         """Have colours show something else from now on."""
         # In this order: what `get` keeps in the new place is coloured so.
-        self._colouring, self._kept = colouring, KeptPoints(self._most)
+        self._colouring, self._kept = colouring, KeptPoints()
 
     def describe(self, frame: int) -> str:
         """Return the size of a frame's cloud."""
         facts = self._facts[frame]
         return f"{facts['surface_voxels']:,} voxels, {1e3 * facts['volume_m3']:.3g} l"
 
-    def close(self) -> None:
-        """Do nothing: there is no work in the background."""
 
-
-class CarvedClouds:
+class CarvedClouds(Clouds):
     """The clouds of a track's frames, carved again by a thread from the first frame on.
 
     carve: returns an iterator over frames' numbers and clouds in `grid`; its first step may take
     seconds. known: called after each frame.
     """
-
-    colourings: tuple[str, ...] = COLOURINGS[:1]
 
     def __init__(
         self,
@@ -287,10 +284,9 @@ class CarvedClouds:
         n_frames: int,
         carve: Callable[[], Iterator[tuple[int, VoxelCloud]]],
         known: Callable[[int], object],
-        most: int = KEPT_BYTES,
     ) -> None:
         self.grid, self._n_frames = grid, n_frames
-        self._carve, self._known, self._kept = carve, known, KeptPoints(most)
+        self._carve, self._known, self._kept = carve, known, KeptPoints()
         self._ended, self._wanted, self._error = threading.Event(), threading.Event(), ""
         self._n_done = 0
         self._thread = threading.Thread(target=self._work, daemon=True, name="carving")
@@ -304,9 +300,6 @@ class CarvedClouds:
     def want(self, wanted: bool) -> None:
         """Begin or go on carving; or pause."""
         (self._wanted.set if wanted else self._wanted.clear)()
-
-    def choose_colouring(self, colouring: str) -> None:
-        """Do nothing: they have only the pictures' colours."""
 
     def describe(self, frame: int) -> str:
         """Return how many frames are carved; empty if all are, and there is room for this one's."""
@@ -346,24 +339,20 @@ class CarvedClouds:
 class Opened:
     """A run that is watched.
 
-    frames: (F,) numbers, ascending. sequence: the footage; None if it is gone. remarks: warnings,
-    for the page.
+    frames: (F,) numbers, ascending. box: lowest and highest corner (3,) m of what is shown, which
+    the floor lies under. sequence: the footage; None if it is gone. remarks: warnings, for the
+    page.
     """
 
     folder: Path
     frames: np.ndarray
     fps: float
+    box: tuple[np.ndarray, np.ndarray]
     sequence: Sequence | None
     clouds: Clouds | None
     remarks: tuple[str, ...] = ()
     voxels_shown: bool = True
     """Whether voxels are shown before the user chooses."""
-
-    @property
-    def box(self) -> tuple[np.ndarray, np.ndarray]:
-        """Lowest and highest corner (3,) m of what is shown, which the floor lies under."""
-        assert self.clouds is not None
-        return self.clouds.grid.low, self.clouds.grid.high
 
     def close(self) -> None:
         """End all work in the background."""
@@ -381,8 +370,8 @@ def open_voxels(folder: Path, mesher: Callable[[int], trimesh.Trimesh] | None = 
         raise InputError(f"{folder}: holds no reconstructed frame; expected at least one")
     sequence = try_footage(run.sequence, remarks)
     fps = float(run.summary["sequence"].get("fps") or 25.0)
-    clouds = StoredClouds(run, mesher)
-    return Opened(folder, np.array(run.indices), fps, sequence, clouds, tuple(remarks))
+    frames, box = np.array(run.indices), (run.grid.low, run.grid.high)
+    return Opened(folder, frames, fps, box, sequence, StoredClouds(run, mesher), tuple(remarks))
 
 
 def try_footage(open_footage: Callable[[], Sequence], remarks: list[str]) -> Sequence | None:

@@ -181,7 +181,7 @@ class LookThrough:
             if self._map is None or self._map[0] != key:
                 pixels = find_straight_map(camera, find_fov(camera, client), client.camera.aspect)
                 self._map = key, pixels
-            straight = straighten(picture, self._map[1])
+            straight = cv2.remap(picture, self._map[1], None, cv2.INTER_LINEAR)  # type: ignore[call-overload]
             client.scene.set_background_image(
                 cv2.cvtColor(straight, cv2.COLOR_BGR2RGB), format="jpeg"
             )
@@ -220,11 +220,6 @@ def find_straight_map(camera: Camera, fov: float, aspect: float) -> np.ndarray:
     rays = np.stack([x, y, np.full_like(x, focal)], -1).reshape(-1, 3) / focal
     pixels, _ = camera.project(rays @ camera.R + camera.centre)
     return pixels.astype(np.float32).reshape(_HEIGHT, width, 2)
-
-
-def straighten(picture: np.ndarray, pixels: np.ndarray) -> np.ndarray:
-    """Return a picture (h, w, 3) uint8 without distortion. pixels: of `find_straight_map`."""
-    return cv2.remap(picture, pixels[..., 0], pixels[..., 1], cv2.INTER_LINEAR)
 
 
 def locate_point(rays: Mapping[int, np.ndarray], rig: CameraRig) -> tuple[np.ndarray, float]:

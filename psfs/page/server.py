@@ -36,10 +36,6 @@ _ONE_AT_A_TIME = threading.Lock()
 Receive = Callable[[Any], Awaitable[None]]
 
 
-class MissingViserError(InputError):
-    """Error of a machine without viser."""
-
-
 class Gate:
     """The check of each request: its path begins with the token, and its host is this machine.
     title: of the page, as the browser's tab has it. receive: takes the connection of files that are
@@ -60,11 +56,11 @@ class Gate:
 
 
 def import_viser() -> Any:
-    """Return the package viser. Raises MissingViserError."""
+    """Return the package viser. Raises InputError if it is not installed."""
     try:
         import viser
     except ImportError:
-        raise MissingViserError(
+        raise InputError(
             f"the page needs viser, which is not installed; expected: {pip_command('studio')}"
         ) from None
     return viser
@@ -102,11 +98,6 @@ def look(server: viser.ViserServer, look_at: np.ndarray, position: np.ndarray) -
     for client in server.get_clients().values():
         with client.atomic():
             client.camera.position, client.camera.look_at = position, look_at
-
-
-def page_address(server: viser.ViserServer, gate: Gate) -> str:
-    """Return the address of the page, with the token."""
-    return f"http://{HOST}:{server.get_port()}/{gate.token}/"
 
 
 def read_choice(dropdown: Any) -> str:
@@ -191,7 +182,7 @@ class BrowserPage:
     @property
     def address(self) -> str:
         """The page's address, with its token."""
-        return page_address(self.server, self.gate)
+        return f"http://{HOST}:{self.server.get_port()}/{self.gate.token}/"
 
     def stop(self) -> None:
         """End the server."""

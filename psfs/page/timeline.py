@@ -32,43 +32,22 @@ def add_key(gui: viser.GuiApi, label: str, key: Any, do: Callable[[], None]) -> 
 
 
 class Playback:
-    """A clock over the `frames` of a run, indices in a sequence of `fps` frames per second.
+    """A clock over the `times` (F,), s, of a run's frames.
 
-    `position` is the index into `frames` of the one that is shown. Playback loops: the first frame
-    follows the last one, which is shown as long as the one before it.
+    `position` is the index of the frame that is shown. Playback loops: the first frame follows the
+    last one, which is shown as long as the one before it.
     """
 
-    def __init__(self, frames: Sequence[int], fps: float, start: int) -> None:
-        self.frames = list(frames)
-        self.times = np.array(self.frames) / fps
-        self.position = self.frames.index(start)
+    def __init__(self, times: np.ndarray) -> None:
+        self.times, self.position = times, 0
         self.playing, self.speed = False, 1.0
-        self._gap = float(self.times[-1] - self.times[-2]) if len(frames) > 1 else 1 / fps
-        self._clock = self.time
-
-    @property
-    def frame(self) -> int:
-        """Index of the frame that is shown."""
-        return self.frames[self.position]
-
-    @property
-    def time(self) -> float:
-        """Time of the frame that is shown since the sequence's first frame, s."""
-        return float(self.times[self.position])
+        self._gap = float(times[-1] - times[-2]) if len(times) > 1 else 1.0
+        self._clock = float(times[0])
 
     def seek(self, position: int) -> None:
-        """Show the frame at `position`, modulo the number of frames."""
-        self.position = position % len(self.frames)
-        self._clock = self.time
-
-    def step(self, by: int) -> None:
-        """Stop playing and show the frame that lies `by` frames ahead."""
-        self.playing = False
-        self.seek(self.position + by)
-
-    def toggle(self) -> None:
-        """Play or pause."""
-        self.playing = not self.playing
+        """Pause, and show the frame at `position`, modulo the number of frames."""
+        self.playing, self.position = False, position % len(self.times)
+        self._clock = float(self.times[self.position])
 
     def change_speed(self, by: int) -> None:
         """Move `by` entries along SPEEDS, at most to an end."""
@@ -101,7 +80,7 @@ class TimeLine:
         show: Callable[[int], object],
         stops: Sequence[int] = (),
     ) -> None:
-        self.playback = Playback(frames.tolist(), fps, int(frames[0]))
+        self.playback = Playback(frames / fps)
         self._show, self._stops = show, np.unique(np.asarray(stops, int))
         self._lock, self._ended, self._changed = threading.RLock(), threading.Event(), False
         self._wake = threading.Event()
@@ -158,7 +137,6 @@ class TimeLine:
     def seek(self, position: int) -> None:
         """Pause, and show the frame at a position."""
         with self._lock:
-            self.playback.playing = False
             self.playback.seek(position)
             self._present(slider=True)
 
@@ -182,24 +160,18 @@ class TimeLine:
     def _press(self, button: str) -> None:
         with self._lock:
             if button == _PLAY:
-                self.playback.toggle()
+                self.playback.playing = not self.playing
                 self._name_button()
                 self._wake.set()
                 self._move_slider()
                 return
-            steps = {_BACK: -1, _AHEAD: 1}
-            if button in steps:
-                self.playback.step(steps[button])
-            else:
-                self.playback.step(0)
-                self.playback.seek(0 if button == _FIRST else -1)
-            self._present(slider=True)
+            positions = {_FIRST: 0, _BACK: self.position - 1, _AHEAD: self.position + 1}
+            self.seek(positions.get(button, -1))
 
     def _slide(self, event: Any) -> None:
         if event.client is not None:  # else it was moved by the clock
             with self._lock:
                 if int(self.slider.value) != self.position:
-                    self.playback.playing = False
                     self.playback.seek(int(self.slider.value))
                     self._present(slider=False)
 

@@ -79,7 +79,7 @@ class Watch:
         scene.set_up_direction("+z")
 
     def _add_time_line(self, gui: viser.GuiApi) -> None:
-        self._status = gui.add_html("")
+        self.status = gui.add_html("")
         self.time_line = TimeLine(
             gui, self.opened.frames, self.opened.fps, self._show, self._find_stops()
         )
@@ -102,14 +102,14 @@ class Watch:
             hint="key: V; the pictures' colours, how sure a voxel is, or its height",
         )  # fmt: skip
         self.colouring.on_update(lambda event: self._choose_colouring())
-        self._scale = gui.add_html("")
+        self.scale = gui.add_html("")
         self._coarse: Any = gui.add_checkbox(
             "coarse while playing", False, visible=clouds is not None,
             hint="fewer, larger voxels; set by itself where the browser has no graphics chip",
         )  # fmt: skip
-        self._remarks = gui.add_html(self._describe())
+        self.remarks = gui.add_html(self._describe())
         self._parts: list[Any] = [
-            self._status, self._remarks, self._coarse, self.colouring, self._scale,
+            self.status, self.remarks, self._coarse, self.colouring, self.scale,
             *self._boxes.values(), *(add_key(gui, *key) for key in self.list_keys()),
         ]  # fmt: skip
 
@@ -142,21 +142,6 @@ class Watch:
     def frame(self) -> int:
         """Number of the frame that is shown."""
         return int(self.opened.frames[self.time_line.position])
-
-    @property
-    def status(self) -> str:
-        """The words about the frame that is shown, HTML."""
-        return str(self._status.content)
-
-    @property
-    def remarks(self) -> str:
-        """The words about the run, HTML."""
-        return str(self._remarks.content)
-
-    @property
-    def scale(self) -> str:
-        """The scale of the colours, HTML; empty for the pictures' own."""
-        return str(self._scale.content)
 
     @property
     def shown(self) -> dict[str, bool]:
@@ -276,7 +261,7 @@ class Watch:
     def _say_status(self, position: int) -> None:
         frame = int(self.opened.frames[position])
         heading: tuple[str, object] = "note", f"frame {frame} · {frame / self.opened.fps:.2f} s"
-        self._status.content = make_lines([heading, *self._describe_frame(frame)])
+        self.status.content = make_lines([heading, *self._describe_frame(frame)])
 
     def _choose_layers(self) -> None:
         self._show_layers(self.shown)
@@ -290,7 +275,7 @@ class Watch:
         if clouds is not None:
             clouds.choose_colouring(self.colouring.value)
             low, high = float(clouds.grid.low[2]), float(clouds.grid.high[2])
-            self._scale.content = make_scale(*describe_scale(self.colouring.value, low, high))
+            self.scale.content = make_scale(*describe_scale(self.colouring.value, low, high))
             self.time_line.refresh()
 
     def _next_colouring(self) -> None:
@@ -326,7 +311,7 @@ class Watch:
 
     def _fail(self, text: str) -> None:
         if not self._closed.is_set():
-            self._remarks.content = self._describe() + make_lines([("warning", text)])
+            self.remarks.content = self._describe() + make_lines([("warning", text)])
 
     def _first_view(self) -> tuple[np.ndarray, np.ndarray]:
         """Return what the viewer looks at first, and from where, (3,) m each."""

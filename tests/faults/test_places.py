@@ -177,7 +177,7 @@ FAULTS: dict[str, tuple[list[str], Change | None, str]] = {
     "parts of no frame": (["apf", "batch", "walk", "-o", "new", "--part-frames", "-5"], None,
                           "--part-frames is -5"),
     "a height that is none": (["psfs", "calibrate", "walk", "--wand", "0.5", "--floor", "0",
-                               "--height", "nan", "-o", "new"], None, "--height, m, is nan"),
+                               "--height", "nan", "-o", "new"], None, "--height is nan"),
     "a rate to follow nobody at": ([*TRACK, "--fps", "0.5"], None, "0.5 frames per second"),
     "a swarm's flag": ([*TRACK, "--inertia", "0.5"], None, "only to --method pso"),
     "a flag of triangulation": ([*TRACK, "--low-pass", "6"], None, "only to --method tri"),

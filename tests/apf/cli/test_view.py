@@ -36,7 +36,9 @@ def test_body_is_shown_in_stored_voxels(
         seen.append((watch.frame, watch.voxels.visible, dict(watch.shown)))
         assert np.allclose(watch.bodies["track"].joints.points, walker(2).joints[0], atol=1e-5)
         watch.time_line.seek(0)
-        seen.append((watch.status, page.server.scene.get_handle_by_name("/people/0").visible))
+        seen.append(
+            (watch.status.content, page.server.scene.get_handle_by_name("/people/0").visible)
+        )
 
     monkeypatch.setattr(command, "serve", look)
     voxels = save_voxels(tmp_path / "voxels")

@@ -26,8 +26,8 @@ from apf.formats.pose import read_pose, write_pose
 from apf.live.cameras import LiveCamera
 from apf.live.config import LiveConfig
 from apf.live.people import make_translation_matrix
-from apf.live.session import Live, LiveResult, LiveStart, ObservedFrame
-from apf.live.sources import ACQUISITION, Newest, Replay, Shot
+from apf.live.session import STAGES, Live, LiveResult, LiveStart, ObservedFrame
+from apf.live.sources import Newest, Replay, Shot
 from apf.live.timeline import Timeline
 from apf.takes.start import read_given_start
 from apf.tracking.track import Track
@@ -39,9 +39,6 @@ from psfs.voxels.grid import VoxelGrid
 
 SIZES = LiveConfig()
 FEW = ["--particles", "48", "--layers", "6"]
-
-
-STAGES = (ACQUISITION, "processing", "tracking")
 
 
 def test_a_translation_moves_all_joints_alike() -> None:
@@ -62,6 +59,10 @@ def filmed(walk: Path) -> Path:
     save_body(walk / "body.toml", found[0])
     write_pose(walk / "start.txt", found[1], found[0])
     return walk
+
+
+def list_videos(folder: Path) -> list[str]:
+    return [str(path) for path in sorted((folder / "videos").iterdir())]
 
 
 def live(folder: Path, out: Path, *more: str) -> int:
@@ -103,8 +104,7 @@ def test_a_recording_from_the_command_line(
 
 
 def test_videos_as_cameras(filmed: Path, tmp_path: Path) -> None:
-    videos = [str(path) for path in sorted((filmed / "videos").iterdir())]
-    more = ("--fps", "4", "--captures", *videos)
+    more = ("--fps", "4", "--captures", *list_videos(filmed))
     assert live(filmed, tmp_path / "out", *more) == 0
     track = Track.open(tmp_path / "out")
     assert len(track) >= 1 and not track.lost.any()
@@ -178,10 +178,9 @@ def film(
     lost: list[LiveCamera] = []
     kept: list[ObservedFrame] = []
     keep, until = Live.keep, time.monotonic() + 120
-    videos = sorted((filmed / "videos").iterdir())
     images = Sequence.open(filmed).read(0).images
     assert images is not None
-    pictures = {str(path): image for path, image in zip(videos, images, strict=True)}
+    pictures = dict(zip(list_videos(filmed), images, strict=True))
 
     def next_picture(camera: LiveCamera, after: int) -> tuple[int, float, np.ndarray | None]:
         if after >= left.get(Path(camera.name).stem, 10**6):
@@ -257,8 +256,7 @@ def test_poses_are_on_disk_while_a_run_goes_on_and_stay_there_if_the_disk_is_ful
 def test_results_do_not_go_among_what_is_read(folder: str, filmed: Path, capfd) -> None:
     (filmed / "background").mkdir(exist_ok=True)
     before = sorted((filmed / folder).iterdir())
-    videos = [str(path) for path in sorted((filmed / "videos").iterdir())]
-    captures = ["--captures", *videos] if folder == "background" else []
+    captures = ["--captures", *list_videos(filmed)] if folder == "background" else []
     assert live(filmed, filmed / folder, *captures) == 2
     assert "which is read" in capfd.readouterr().err
     assert sorted((filmed / folder).iterdir()) == before
@@ -412,8 +410,14 @@ def test_several_people_are_tracked_by_voxels_in_a_stated_volume(
     truth = dict(np.load(filmed / "truth.npz"))
     joints = np.stack([truth["joints"], truth["joints"] + [1.0, 0.0, 0.0]], 1)
     np.savez(tmp_path / "both.npz", **{**truth, "joints": joints})
-    videos = [str(path) for path in sorted((filmed / "videos").iterdir())]
-    flags = ["--people", "2", "--init", str(tmp_path / "both.npz"), "--captures", *videos]
+    flags = [
+        "--people",
+        "2",
+        "--init",
+        str(tmp_path / "both.npz"),
+        "--captures",
+        *list_videos(filmed),
+    ]
     assert main(["live", str(filmed), "-o", str(out), *flags]) == 2
     assert "expected --volume that holds all people" in capfd.readouterr().err
     np.savez(tmp_path / "late.npz", **{**truth, "joints": joints, "frames": 9 + np.arange(4)})

@@ -12,7 +12,7 @@ from apf.filters.method import Method
 from apf.formats.trc import JointSeries
 from apf.live.config import LiveConfig
 from apf.live.pace import Pace, describe_run
-from apf.live.session import Governor, LiveResult, list_sizes, resize_search
+from apf.live.session import STAGES, Governor, LiveResult, list_sizes, resize_search
 from apf.live.sources import ACQUISITION
 from apf.live.timeline import Span, Timeline, live_errors
 
@@ -38,9 +38,6 @@ def test_a_lost_person_is_told() -> None:
 
     result = LiveResult([0, 1], [[Lost()], [Lost()]], [0.1, 0.1], [(0, 96, 10)])  # type: ignore[list-item]
     assert describe_run(result, timeline_of(8.0, 2)).endswith("LOST")
-
-
-STAGES = (ACQUISITION, "processing", "tracking")
 
 
 def test_errors_of_frames_and_of_when_poses_are_known() -> None:

@@ -10,6 +10,7 @@ import pytest
 from helpers import footage
 
 from apf.live.cameras import Captures, LiveCamera, open_cameras
+from apf.live.session import STAGES
 from apf.live.sources import ACQUISITION, Newest, Replay, Shot, Smaller, fitting_factor
 from apf.live.timeline import Timeline
 from apf.synthetic.scene import SceneConfig, make_rig
@@ -18,8 +19,6 @@ from psfs.output.video import Video
 from psfs.sequence import Sequence
 from psfs.voxels.grid import VoxelGrid
 from psfs.voxels.occupied_box import finest_pixel
-
-STAGES = (ACQUISITION, "processing", "tracking")
 
 
 def test_newest_drops_what_is_older() -> None:

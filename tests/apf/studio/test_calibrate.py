@@ -13,9 +13,11 @@ from helpers import calibration as made
 pytest.importorskip("viser", reason="viser is not installed")
 
 from apf.live.cameras import Captures
+from apf.studio.calibrate import CalibrateView
 from apf.studio.film import PERSON as PERSON_LIVE
-from apf.studio.film import TARGET, PersonCheck
+from apf.studio.film import TARGET, FilmView, PersonCheck
 from apf.studio.folders import Roots, find_kind
+from apf.studio.footage import FootageView
 from apf.studio.page import Page
 from apf.studio.target_fields import CHARUCO, CHESSBOARD, PERSON, WAND
 from cl import Device, InputError
@@ -67,28 +69,29 @@ def page(day: Path, tmp_path: Path) -> Iterator[Page]:
 def test_board_is_found_and_cameras_are_used(day: Path, page: Page) -> None:
     assert find_kind(day / "board") == find_kind(plain(day)) == "views"
     page.open(day / "phones")
-    assert page.calibrate is not None and page.calibrate.views.rig.names == ["anna", "ben"]
+    assert isinstance(page.view, CalibrateView) and page.view.views.rig.names == ["anna", "ben"]
     page.open(day / "board")
-    view = page.calibrate
-    assert view is not None
+    view = page.view
+    assert isinstance(view, CalibrateView)
     view.target.kind.value = CHARUCO
     view.target.squares.value, view.target.square.value = SQUARES, SQUARE
     view.search()
-    view.wait(600)
+    assert view._worker is not None
+    view._worker.join(600)
     assert "looked at all frames" in view.words.content and "cam" in view.words.content
     assert all(seen.frames >= 5 for seen in view.found.coverage)
     view.calibrate()
-    view.wait(600)
+    view.slot.wait(600)
     work = view.slot.work
     assert work is not None and work.succeeded, work and work.words
     cameras = view.cameras.value
     page.open(day / "walk")
-    again = page.calibrate
-    assert again is not None and cameras in again.cameras.options
+    again = page.view
+    assert isinstance(again, CalibrateView) and cameras in again.cameras.options
     again.cameras.value = cameras
     again.use()
-    assert page.footage is not None and page.calibrate is None
-    assert page.footage.sequence.rig.names == [camera.name for camera in CAMERAS]
+    assert isinstance(page.view, FootageView)
+    assert page.view.sequence.rig.names == [camera.name for camera in CAMERAS]
     assert str(page.run.make_request().capture.calibration).endswith("calibration.toml")
 
 
@@ -104,8 +107,8 @@ def test_board_is_found_live(day: Path, tmp_path: Path) -> None:
     page = Page(Roots(day), no_device, results=tmp_path / "results", captures=captures)
     try:
         page.open_cameras()
-        film, until = page.film, time.monotonic() + 120
-        assert film is not None
+        film, until = page.view, time.monotonic() + 120
+        assert isinstance(film, FilmView)
         while not captures.ended and time.monotonic() < until:
             time.sleep(0.05)
         assert "has ended" in captures.ended
@@ -146,8 +149,9 @@ def test_person_who_walks_in_is_judged(small_walk: Path) -> None:
 
 def test_fields_are_the_request_of_calibrate(day: Path, page: Page) -> None:
     page.open(day / "board")
-    assert page.calibrate is not None
-    fields = page.calibrate.target
+    view = page.view
+    assert isinstance(view, CalibrateView)
+    fields = view.target
     fields.kind.value = CHARUCO
     assert fields.stated() == {"board": "charuco", "squares": (7, 5), "square": 0.037}
     name, content = fields.make_board()
@@ -156,7 +160,7 @@ def test_fields_are_the_request_of_calibrate(day: Path, page: Page) -> None:
     assert fields.stated()["board"] == "chessboard" and not fields.wand.visible
     fields.kind.value = PERSON
     assert fields.stated() == {"person": True, "stature": 1.7, "field_of_view": 65.0}
-    assert not fields.searchable and not page.calibrate.search_button.visible
+    assert not fields.searchable and not view.search_button.visible
     fields.kind.value, fields.wand.value = WAND, "0.2,0.3"
     assert fields.stated() == {"wand": (0.2, 0.3)}
     fields.wand.value = "long"

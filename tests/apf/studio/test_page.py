@@ -2,7 +2,7 @@
 
 import io
 import zipfile
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -21,6 +21,7 @@ from apf.studio.page import Page
 from apf.tracking.people import PeopleTracks
 from cl import Device, InputError, MissingFileError
 from psfs.common.files import write_json
+from psfs.page.watch import Watch
 from psfs.page.words import make_lines, make_table, make_text
 
 NAME = "<img src=x onerror=alert(1)>"
@@ -31,16 +32,17 @@ def no_device() -> Device:
 
 
 @pytest.fixture
-def open_page() -> Iterator[Callable[[Path], Page]]:
-    pages: list[Page] = []
+def page(tmp_path: Path) -> Iterator[Page]:
+    made = Page(Roots(tmp_path), no_device)
+    yield made
+    made.stop()
 
-    def opened(folder: Path) -> Page:
-        pages.append(Page(Roots(folder), no_device))
-        return pages[-1]
 
-    yield opened
-    for page in pages:
-        page.stop()
+def watch_in(page: Page, folder: Path) -> Any:
+    """Open a folder, and return what shows it."""
+    page.open(folder)
+    assert isinstance(page.view, Watch)
+    return page.view
 
 
 def test_texts_are_shown_as_they_are() -> None:
@@ -48,24 +50,21 @@ def test_texts_are_shown_as_they_are() -> None:
         assert "<img" not in made and "&lt;img" in made
 
 
-def test_body_stands_where_the_track_has_it(
-    tmp_path: Path, open_page: Callable[[Path], Page]
-) -> None:
-    page = open_page(tmp_path)
-    page.open(save_track(tmp_path / NAME))
-    watch, track = page.watch, tracks.walker()
-    assert watch is not None and page.step == "Check"
+def test_body_stands_where_the_track_has_it(tmp_path: Path, page: Page) -> None:
+    watch, track = watch_in(page, save_track(tmp_path / NAME)), tracks.walker()
+    assert page.step == "Check"
     watch.time_line.seek(12)
     body = watch.bodies[NAME]
     assert np.allclose(body.joints.points, track.joints[12], atol=1e-5)
     assert np.allclose(body.skeleton.points, track.joints[12][track.edges], atol=1e-5)
     assert body.trails.points.shape == (12 * len(set(body.ends)), 2, 3)
-    assert "frame 12" in watch.status and "<img" not in watch.status + watch.remarks
+    said = watch.status.content + watch.remarks.content
+    assert "frame 12" in said and "<img" not in said
     with pytest.raises(InputError, match="outside of the folders"):
         page.open(tmp_path.parent)
 
 
-def test_lost_person_and_limbs_are_named(tmp_path: Path, open_page: Callable[[Path], Page]) -> None:
+def test_lost_person_and_limbs_are_named(tmp_path: Path, page: Page) -> None:
     track = tracks.walker(10)
     sure = np.ones((10, 4))
     sure[3, 0] = 0.0
@@ -73,23 +72,15 @@ def test_lost_person_and_limbs_are_named(tmp_path: Path, open_page: Callable[[Pa
     track = replace(track, diagnostics={"lost": lost, "limb_confidence": sure})
     (tmp_path / "run").mkdir()
     track.save(tmp_path / "run" / "track.npz")
-    page = open_page(tmp_path)
-    page.open(tmp_path / "run")
-    watch = page.watch
-    assert watch is not None
+    watch = watch_in(page, tmp_path / "run")
     watch.time_line.seek(3)
-    assert "doubtful" in watch.status
+    assert "doubtful" in watch.status.content
     watch.time_line.seek(5)
-    assert "the person is lost" in watch.status
+    assert "the person is lost" in watch.status.content
 
 
-def test_keys_and_buttons_move_the_time_line(
-    tmp_path: Path, open_page: Callable[[Path], Page]
-) -> None:
-    page = open_page(tmp_path)
-    page.open(save_voxels(tmp_path / "voxels", n_frames=5))
-    watch = page.watch
-    assert watch is not None
+def test_keys_and_buttons_move_the_time_line(tmp_path: Path, page: Page) -> None:
+    watch = watch_in(page, save_voxels(tmp_path / "voxels", n_frames=5))
     line = watch.time_line
     commands = {key: do for _, key, do in line.list_keys()}
     commands["L"]()
@@ -104,18 +95,15 @@ def test_keys_and_buttons_move_the_time_line(
     assert line.playing and line.button.label == "pause"
     commands["home"]()
     assert not line.playing and line.position == 0 and line.button.label == "play"
-    assert "no pictures" in watch.remarks  # its footage is gone
+    assert "no pictures" in watch.remarks.content  # its footage is gone
     (tmp_path / "voxels" / "clouds" / "frame_000003.npz").write_bytes(b"damaged")
     line.seek(3)
-    assert "no voxels of frame 3" in watch.remarks and line.position == 3
+    assert "no voxels of frame 3" in watch.remarks.content and line.position == 3
 
 
-def test_what_a_browser_sends_for_a_file_is_one_of_the_options(
-    tmp_path: Path, open_page: Callable[[Path], Page]
-) -> None:
+def test_what_a_browser_sends_for_a_file_is_one_of_the_options(tmp_path: Path, page: Page) -> None:
     """Not a path to somewhere else."""
     folder = save_track(tmp_path / "runs" / "walk")
-    page = open_page(folder.parent)
     page.open(folder)
     for field in (page.export.ending, page.export.person):
         before, field.value = field.value, "/../../../out.bvh"
@@ -126,13 +114,10 @@ def test_what_a_browser_sends_for_a_file_is_one_of_the_options(
     assert page.export.make_file()[0] == "walk.bvh"
 
 
-def test_a_file_that_has_another_beside_it_is_packed_with_it(
-    tmp_path: Path, open_page: Callable[[Path], Page]
-) -> None:
+def test_a_file_that_has_another_beside_it_is_packed_with_it(tmp_path: Path, page: Page) -> None:
     folder = save_track(tmp_path / "runs" / "walk")
     track = replace(tracks.walker(), diagnostics={"lost": np.arange(30) > 25})
     track.save(folder / "track.npz")
-    page = open_page(folder.parent)
     page.open(folder)
     page.export.ending.value = ".mot"
     name, content = page.export.make_file()
@@ -140,9 +125,8 @@ def test_a_file_that_has_another_beside_it_is_packed_with_it(
         assert name == "walk.zip" and set(packed.namelist()) == {"walk.mot", "walk_filled.csv"}
 
 
-def test_a_folder_that_is_gone_is_named(tmp_path: Path, open_page: Callable[[Path], Page]) -> None:
+def test_a_folder_that_is_gone_is_named(tmp_path: Path, page: Page) -> None:
     folder = save_track(tmp_path / "runs" / "walk")
-    page = open_page(folder.parent)
     page.open(folder)
     with pytest.raises(FileNotFoundError) as gone:
         page.export.read_report()
@@ -151,20 +135,14 @@ def test_a_folder_that_is_gone_is_named(tmp_path: Path, open_page: Callable[[Pat
     assert "report.html: cannot be read or written: No such file" in said and "Errno" not in said
 
 
-def test_running_track_is_watched_by_its_parts(
-    tmp_path: Path, open_page: Callable[[Path], Page]
-) -> None:
+def test_running_track_is_watched_by_its_parts(tmp_path: Path, page: Page) -> None:
     run = tmp_path / "run"
     (run / "parts").mkdir(parents=True)
     tracks.walker(6).save(run / "parts" / "track_000000000.npz")
-    page = open_page(tmp_path)
-    page.open(run)
-    assert page.watch is not None and len(page.watch.opened.frames) == 6
+    assert len(watch_in(page, run).opened.frames) == 6
 
 
-def test_several_people_are_shown_together(
-    tmp_path: Path, open_page: Callable[[Path], Page]
-) -> None:
+def test_several_people_are_shown_together(tmp_path: Path, page: Page) -> None:
     both = tracks.walker(30), tracks.walker(30, 20)
     seen = np.arange(30), np.r_[20:42, 45:50]  # the second one is away for three frames
     PeopleTracks(both, np.arange(50), seen).save(tmp_path / "duo")
@@ -175,21 +153,19 @@ def test_several_people_are_shown_together(
         look_at = {"left arm": [[k, k + 1]]}
         path = tmp_path / "duo" / f"person{k}" / "summary.json"
         write_json(path, {**facts, "says": says, "quality": {"look_at": look_at}})
-    page = open_page(tmp_path)
     assert [one.name for one in page.roots.find()] == ["duo", "duo/person1", "duo/person2"]
-    page.open(tmp_path / "duo")
-    watch = page.watch
-    assert watch is not None and watch.opened.frames.tolist() == list(range(50))
+    watch = watch_in(page, tmp_path / "duo")
+    assert watch.opened.frames.tolist() == list(range(50))
     watch.time_line.seek(25)
     for name, row in (("person1", 25), ("person2", 5)):
         joints = watch.bodies[name].joints.points
         assert np.allclose(joints, tracks.walker(30).joints[row], atol=1e-5)
     watch.time_line.seek(40)
-    assert "person1: not tracked in this frame" in watch.status
+    assert "person1: not tracked in this frame" in watch.status.content
     shown = [page.server.scene.get_handle_by_name(f"/people/{n}").visible for n in (0, 1)]
     assert shown == [False, True]
     watch.time_line.seek(43)
-    assert "person2: not tracked in this frame" in watch.status
+    assert "person2: not tracked in this frame" in watch.status.content
     assert watch.opened.quality == (
         "person1: the track looks good",
         "person2: the track looks bad",
@@ -202,11 +178,8 @@ def test_several_people_are_shown_together(
     assert page.correct.place.disabled  # whose silhouettes are not separated again
 
 
-def test_page_in_a_browser(tmp_path: Path, open_page: Callable[[Path], Page]) -> None:
-    page = open_page(tmp_path)
+def test_page_in_a_browser(tmp_path: Path, page: Page) -> None:
     page.open(save_track(tmp_path / NAME))
-    watch = page.watch
-    assert watch is not None
     with browser() as chromium:
         tab = chromium.new_page(viewport={"width": 400, "height": 300})
         tab.set_default_timeout(120_000)  # a machine under load

@@ -20,9 +20,11 @@ pytest.importorskip("viser", reason="viser is not installed")
 from apf.cli import main
 from apf.request import TrackRequest
 from apf.studio.folders import Roots
+from apf.studio.footage import FootageView
 from apf.studio.opened import RunningTake, open_track
 from apf.studio.page import Page
 from apf.studio.run_panel import ChosenSettings
+from apf.studio.watch import TrackWatch
 from apf.studio.work import Work, WorkSlot, free_folder, state_flags
 from apf.tracking.retracking import ERROR, list_corrections
 from apf.tracking.track import Track
@@ -105,11 +107,11 @@ def page(take: Path, tmp_path: Path) -> Iterator[Page]:
 
 def test_footage_is_examined_and_its_silhouettes_are_drawn(page: Page, take: Path) -> None:
     page.open(take)
-    footage = page.footage
-    assert footage is not None
-    assert "walk &lt;i&gt;" in footage.remarks and "cam01" in footage.remarks
-    wait_for(lambda: "examining" not in footage.remarks)
-    assert footage.volume is None and ">whole<" in footage.remarks
+    footage = page.view
+    assert isinstance(footage, FootageView)
+    assert "walk &lt;i&gt;" in footage.remarks.content and "cam01" in footage.remarks.content
+    wait_for(lambda: "examining" not in footage.remarks.content)
+    assert footage.volume is None and ">whole<" in footage.remarks.content
     footage.drag_box(np.array([[0.9, -1.0, 2.0], [-1.0, 1.25, 0.0]]))
     assert footage.volume is not None
     assert np.allclose(footage.volume, [[-1.0, -1.0, 0.0], [0.9, 1.25, 2.0]])
@@ -141,8 +143,8 @@ def test_page_tracks_corrects_and_takes_home(page: Page, take: Path, tmp_path: P
     assert main(["track", *state_flags(request), "--config", str(settings)]) == 0
     page.roots.add(first)
     page.open(first)
-    watch = page.watch
-    assert watch is not None and watch.opened.frames.tolist() == [0, 1, 2]
+    watch = page.view
+    assert isinstance(watch, TrackWatch) and watch.opened.frames.tolist() == [0, 1, 2]
 
     page.export.ending.value = ".bvh"
     name, content = page.export.make_file()
@@ -157,7 +159,7 @@ def test_page_tracks_corrects_and_takes_home(page: Page, take: Path, tmp_path: P
     arm = track.joints[1, wrist] - track.joints[1, shoulder]  # may be straight: it is swung
     goal = track.joints[1, shoulder] + Rotation.from_rotvec([0, 0.15, 0]).apply(arm)
     page.correct.move_handle(goal)
-    shown = np.asarray(watch.bodies[track_name(page)].joints.points)[wrist]
+    shown = np.asarray(watch.bodies[next(iter(watch.opened.tracks))].joints.points)[wrist]
     assert np.linalg.norm(shown - goal) < 0.02  # the limb follows the handle
     page.correct.toggle_handle()
     watch.time_line.seek(2)
@@ -168,8 +170,8 @@ def test_page_tracks_corrects_and_takes_home(page: Page, take: Path, tmp_path: P
     assert work is not None
     wait_for(lambda: work.ended)
     assert work.succeeded, work.words
-    wait_for(lambda: page.watch is not watch and not run.line.cancel.visible)
-    assert page.watch is not None and page.watch.opened.frames.tolist() == [0, 1, 2]
+    wait_for(lambda: page.view is not watch and not run.line.cancel.visible)
+    assert isinstance(page.view, TrackWatch) and page.view.opened.frames.tolist() == [0, 1, 2]
     better = Track.open(work.output)
     off = np.linalg.norm(np.stack([t.joints[1, wrist] for t in (track, better)]) - goal, axis=1)
     assert off[1] < ERROR + 1e-3 < 0.5 * off[0]
@@ -188,11 +190,6 @@ def test_page_tracks_corrects_and_takes_home(page: Page, take: Path, tmp_path: P
     wait_for(lambda: so_far.clouds.get(0) is not None)
     assert len(so_far.clouds.get(0).positions) > 20
     so_far.close()
-
-
-def track_name(page: Page) -> str:
-    assert page.watch is not None
-    return next(iter(page.watch.opened.tracks))
 
 
 def test_two_presses_start_one_run_whose_error_is_shown(tmp_path: Path) -> None:

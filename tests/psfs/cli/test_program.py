@@ -52,7 +52,7 @@ class Walk(Command):
 
 
 def walk(out: Path, *flags: str, folder: str = "somewhere") -> tuple[int, Any]:
-    command = Walk("walk", "walk somewhere", "", "")
+    command = Walk("walker", "walk", "walk somewhere")
     argv = ["walk", folder, "-o", str(out), *flags]
     return run_program("walker", "walks", [command], argv), command.request_made
 

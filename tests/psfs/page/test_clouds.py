@@ -6,12 +6,14 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
+import pytest
 import trimesh
 from helpers import scenes
 from helpers.studio import GRID, save_voxels
 
 from psfs.common.colours import CLAY
 from psfs.output.reconstruction_folder import ReconstructionFolder
+from psfs.page import clouds as module
 from psfs.page.clouds import (
     COLOURINGS,
     CarvedClouds,
@@ -37,8 +39,9 @@ def cloud(n: int) -> VoxelCloud:
     return VoxelCloud(GRID, np.arange(n, dtype=np.int32), np.ones(n, np.float32))
 
 
-def test_least_used_points_are_dropped() -> None:
-    kept = KeptPoints(most=9 * 25)
+def test_least_used_points_are_dropped(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "KEPT_BYTES", 9 * 25)
+    kept = KeptPoints()
     kept.put(0, points(10))
     kept.put(1, points(10))
     assert kept.get(0) is not None
@@ -50,7 +53,7 @@ def test_least_used_points_are_dropped() -> None:
 
 def test_stored_voxels_become_points(tmp_path: Path) -> None:
     run = ReconstructionFolder.open(save_voxels(tmp_path / "voxels"))
-    clouds = StoredClouds(run, most=0)
+    clouds = StoredClouds(run)
     found = clouds.get(2)
     assert found is not None and clouds.get(99) is None
     expected = run.cloud(2)
@@ -73,7 +76,7 @@ def test_slow_browsers_get_blocks_in_mean_colours() -> None:
     assert many.blocks is not None and many.nbytes > 9 * 9000
 
 
-def test_voxels_are_carved_only_while_wanted() -> None:
+def test_voxels_are_carved_only_while_wanted(monkeypatch: pytest.MonkeyPatch) -> None:
     known: list[int] = []
     third = threading.Event()
 
@@ -86,7 +89,8 @@ def test_voxels_are_carved_only_while_wanted() -> None:
         if frame == 2:
             third.set()
 
-    clouds = CarvedClouds(GRID, 3, carve, note, most=9 * 5)  # has room for the last two
+    monkeypatch.setattr(module, "KEPT_BYTES", 9 * 5)  # has room for the last two
+    clouds = CarvedClouds(GRID, 3, carve, note)
     assert clouds.get(0) is None and "0 of 3" in clouds.describe(0) and known == []
     clouds.want(True)
     assert third.wait(60)

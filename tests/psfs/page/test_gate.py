@@ -1,28 +1,22 @@
 """Requests without the token get nothing; files that are dropped arrive whole or not at all."""
 
 import http.client
-from collections.abc import Iterator
-
-import pytest
-
-pytest.importorskip("viser", reason="viser is not installed")
 import json
 import threading
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
+
+pytest.importorskip("viser", reason="viser is not installed")
 from websockets.exceptions import InvalidStatus
-from websockets.sync.client import connect
+from websockets.sync.client import ClientConnection, connect
 from websockets.typing import Subprotocol
 
 from psfs.page import server as module
-from psfs.page.server import HOST, Gate, page_address, start_server, stop_server
-
-pytest.importorskip("viser", reason="viser is not installed")
-from websockets.sync.client import ClientConnection
-
 from psfs.page.drop import PATH, receive_files
+from psfs.page.server import HOST, BrowserPage, Gate, start_server, stop_server
 
 
 @pytest.fixture(scope="module")
@@ -79,13 +73,13 @@ def test_websocket_needs_the_token(served: tuple[int, Gate]) -> None:
 
 
 def test_address_holds_the_token() -> None:
-    gate = Gate()
-    assert len(gate.token) >= 32 and gate.token != Gate().token
-    server = start_server(0, gate)
+    page = BrowserPage("a page")
+    token, port = page.gate.token, page.server.get_port()
     try:
-        assert page_address(server, gate) == f"http://{HOST}:{server.get_port()}/{gate.token}/"
+        assert len(token) >= 32 and token != Gate().token
+        assert page.address == f"http://{HOST}:{port}/{token}/"
     finally:
-        stop_server(server)
+        page.stop()
 
 
 def test_a_server_that_cannot_be_checked_is_stopped(monkeypatch: pytest.MonkeyPatch) -> None:

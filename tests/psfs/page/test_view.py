@@ -14,12 +14,7 @@ from helpers.studio import save_voxels
 
 import psfs.cli.view as command
 from psfs.cli import main
-from psfs.page.pictures import (
-    crosses,
-    find_straight_map,
-    locate_point,
-    straighten,
-)
+from psfs.page.pictures import crosses, find_straight_map, locate_point
 
 
 def test_a_picture_of_a_mesh(out: Path, tmp_path: Path) -> None:
@@ -54,17 +49,17 @@ def test_page_plays_the_voxels(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
 
     def look(watch) -> None:  # type: ignore[no-untyped-def]
         assert watch.opened.frames.tolist() == [0, 1, 2, 3] and watch.frame == 2
-        assert "50 voxels, 10 l" in watch.status and "<b>" not in watch.remarks
+        assert "50 voxels, 10 l" in watch.status.content and "<b>" not in watch.remarks.content
         first = watch.voxels.shown
         assert len(first.positions) == 50
         keys = {key: do for _, key, do in watch.list_keys()}
         keys["V"]()
-        assert watch.colouring.value == "probability" and "gradient" in watch.scale
+        assert watch.colouring.value == "probability" and "gradient" in watch.scale.content
         yellow = watch.voxels.shown.colours
         assert (yellow == yellow[0]).all() and (yellow != first.colours).any()
         keys["V"]()
         keys["V"]()
-        assert watch.scale == "" and (watch.voxels.shown.colours == first.colours).all()
+        assert watch.scale.content == "" and (watch.voxels.shown.colours == first.colours).all()
         keys["1"]()
         assert not watch.voxels.visible
         keys["1"]()
@@ -103,7 +98,8 @@ def test_pictures_are_shown_where_the_scene_has_them() -> None:
     picture = np.zeros((120, 160, 3), np.uint8)
     cv2.circle(picture, (100, 40), 2, (255, 255, 255), -1)
     fov, aspect = 1.2, 1.5
-    shown = straighten(picture, find_straight_map(camera, fov, aspect)).mean(axis=-1)
+    pixels = find_straight_map(camera, fov, aspect)
+    shown = cv2.remap(picture, pixels, None, cv2.INTER_LINEAR).mean(axis=-1)  # type: ignore[call-overload]
     height, width = shown.shape
     x, y, depth = camera.R @ point + camera.t
     focal = height / 2 / np.tan(fov / 2)
