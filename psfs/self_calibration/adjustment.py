@@ -223,31 +223,24 @@ def measure_misfit(adjusted: Adjusted, points: PersonPoints, every: int = 1) -> 
     return float(total / max(wanted, len(outermost), 1))
 
 
-def measure_pairs(adjusted: Adjusted, points: PersonPoints) -> np.ndarray:
-    """Return by how much the silhouettes of every two cameras (V, V) differ, px.
+def measure_misfits(adjusted: Adjusted, points: PersonPoints) -> np.ndarray:
+    """Return by how much the silhouettes of each camera (V,) differ from those of the others, px.
 
-    That is the median distance of their outermost points from the epipolar lines, of all of them,
-    whether they agree or not; NaN if they share too few.
+    Of every two cameras that is the median distance of their outermost points from the epipolar
+    lines, of all of them, whether they agree or not, and of a camera the median of its pairs, which
+    a shadow that two cameras see alike does not move. Infinity with fewer than two pairs that share
+    enough: one alone does not tell how far away a camera is.
     """
     cameras, shifts = adjusted.rig.cameras, np.round(adjusted.lags).astype(int)
     outermost = points.find_extremes(cameras, shifts)
     residuals, _ = epipolar_residuals(cameras, outermost, shifts - adjusted.lags)
-    medians = np.full((len(cameras), len(cameras)), np.nan)
-    for a, b in combinations(range(len(cameras)), 2):
-        pair_residuals = np.abs(residuals[(outermost.views == (a, b)).all(axis=1)])
-        if len(pair_residuals) >= FEWEST:
-            medians[a, b] = medians[b, a] = np.median(pair_residuals)
-    return medians
-
-
-def summarise_pairs(pairs: np.ndarray) -> np.ndarray:
-    """Return by how much the silhouettes of each camera (V,) differ from those of the others, px:
-    the median of its `pairs` (V, V), which a shadow that two cameras see alike does not move.
-
-    Infinity with fewer than two pairs: one alone does not tell how far away a camera is.
-    """
-    known = [errors[np.isfinite(errors)] for errors in pairs]
-    return np.array([np.median(errors) if len(errors) >= 2 else np.inf for errors in known])
+    of_cameras: list[list[float]] = [[] for _ in cameras]
+    for pair in combinations(range(len(cameras)), 2):
+        errors = np.abs(residuals[(outermost.views == pair).all(axis=1)])
+        if len(errors) >= FEWEST:
+            for view in pair:
+                of_cameras[view].append(float(np.median(errors)))
+    return np.array([np.median(of) if len(of) >= 2 else np.inf for of in of_cameras])
 
 
 def refine_until_converged(

@@ -33,6 +33,7 @@ from psfs.self_calibration.adjustment import (
     adjust_frontier,
     differ,
     measure_misfit,
+    measure_misfits,
     refine_until_converged,
 )
 from psfs.self_calibration.checks import (
@@ -41,15 +42,12 @@ from psfs.self_calibration.checks import (
     check_uncertainty,
     fits_as_well,
     measure_uncertainty,
-    measure_worst_misfit,
 )
 from psfs.self_calibration.config import PersonConfig
 from psfs.self_calibration.room_edges import find_room_edges
 from psfs.self_calibration.search import (
-    N_ANGLES,
     Arrangement,
     ArrangementSearch,
-    Walker,
     compare_pair,
     place_cameras,
 )
@@ -71,7 +69,7 @@ class PersonCalibration:
 
     rig: small cameras, metres, Z up. lags: (V,) frames: frame t of the first camera shows the time
     of frame t + lags[v] of camera v. residual: median distance of the frontier points that agree
-    from the epipolar lines, px. count: of these points. misfits: (V,) px, see `summarise_pairs`.
+    from the epipolar lines, px. count: of these points. misfits: (V,) px, see `measure_misfits`.
     path: standard deviation of the person's places along the main direction of the walk, m.
     levelled: whether up is that of the room's vertical edges; else it is that of the person.
     turns, shifts: (V,) standard deviations of directions, rad, and of positions, as shares of the
@@ -145,12 +143,12 @@ def _find_rig(take: PersonTake, rate: float, config: PersonConfig, track: Track)
     candidates = [rig for rig in first if rig is not None]
     if not candidates:
         return None
-    if measure_worst_misfit(candidates[0], take.points) > _SURE:
+    if measure_misfits(candidates[0], take.points).max() > _SURE:
         candidates = [
             refine_until_converged(rig, take.points, far=True)
             for rig in track(candidates, len(candidates), "best rigs")
         ]
-        candidates.sort(key=lambda rig: measure_worst_misfit(rig, take.points))
+        candidates.sort(key=lambda rig: measure_misfits(rig, take.points).max())
     best = _refine_finely(candidates[0], take.points, take.edges, take.find_up)
     for rival in [other for other in candidates[1:] if differ(other, best)][:1]:
         if fits_as_well(rival, best, take.points, rate):
@@ -169,8 +167,7 @@ def choose_core(points: PersonPoints) -> list[int]:
 
 def _search(take: PersonTake, core: Sequence[int], track: Track) -> ArrangementSearch:
     """Return the search among the costs of the cameras' pairs."""
-    walkers = [Walker.create(*pair) for pair in zip(take.views, take.hulls, strict=True)]
-    angles, count = _angles(range(N_ANGLES)), len(take.cameras)
+    count = len(take.cameras)
     pairs = [
         pair
         for pair in combinations(range(count), 2)
@@ -178,14 +175,10 @@ def _search(take: PersonTake, core: Sequence[int], track: Track) -> ArrangementS
     ]
 
     def compare(pair: tuple[int, int]) -> np.ndarray:
-        return compare_pair(walkers[pair[0]], walkers[pair[1]], angles, take.most)
+        return compare_pair(take.views[pair[0]], take.views[pair[1]], take.most)
 
     costs_of_pairs = track(map_in_threads(compare, pairs), len(pairs), "pairs of cameras")
     return ArrangementSearch(dict(zip(pairs, costs_of_pairs, strict=True)), count)
-
-
-def _angles(steps: Sequence[int]) -> np.ndarray:
-    return 2 * np.pi * np.asarray(steps) / N_ANGLES
 
 
 def _rank_starts(
@@ -204,11 +197,10 @@ def _rank_starts(
     ) -> list[tuple[Adjusted, Arrangement]]:
         best = []
         for tried in track(arrangements, len(arrangements), name):
-            stature, lags = take.points.config.stature, np.array(tried.lags, float)
-            angles = _angles(tried.angles)
-            rig = place_cameras(take.cameras, take.views, angles, tried.lags, stature)
+            rig = place_cameras(take.cameras, take.views, tried, points.config.stature)
             placed = CameraRig(tuple(rig[view] for view in views))
-            adjusted = adjust_extremes(placed, step * lags[[*views]], points, FIRST, step)
+            lags = step * np.array([tried[view][1] for view in views], float)
+            adjusted = adjust_extremes(placed, lags, points, FIRST, step)
             best += [] if adjusted is None else [(adjusted, tried)]
         best.sort(key=lambda entry: measure_misfit(entry[0], points, step))
         others = [entry for entry in best[_FINALISTS:] if differ(entry[0], best[0][0])]
