@@ -45,6 +45,14 @@ class CalibrationScene:
         )
 
 
+def turn_to_up(up: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """Return the axes (3, 3) with Z along `up` and X near `right`."""
+    z = up / np.linalg.norm(up)
+    x = right - z * (z @ right)
+    x /= np.linalg.norm(x)
+    return np.stack([x, np.cross(z, x), z])
+
+
 def transform_points(pose: np.ndarray, points: np.ndarray) -> np.ndarray:
     """Apply a rigid transform (4, 4) to points (N, 3)."""
     return points @ pose[:3, :3].T + pose[:3, 3]
@@ -159,13 +167,8 @@ def _align_axes(
 
     Z points to the cameras' side of the floor, and `origin` gets the coordinates (0, 0, height).
     """
-    z = normal / np.linalg.norm(normal)
     centres = np.array([camera.centre for camera in scene.cameras])
-    if towards_cameras and ((centres - origin) @ z).mean() < 0:
-        z = -z
-    x = across - (across @ z) * z
-    x = x / np.linalg.norm(x)
-    R = np.stack([x, np.cross(z, x), z])
-    return rigid_transform(
-        R, np.array([0, 0, height]) - transform_points(rigid_transform(R, np.zeros(3)), origin)
-    )
+    if towards_cameras and ((centres - origin) @ normal).mean() < 0:
+        normal = -normal
+    R = turn_to_up(normal, across)
+    return rigid_transform(R, np.array([0, 0, height]) - origin @ R.T)

@@ -8,7 +8,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 
-from psfs.calibration.scene import CalibrationScene, rigid_transform
+from psfs.calibration.scene import CalibrationScene, rigid_transform, turn_to_up
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.triangulation import intersect_rays
 from psfs.common.least_squares import Parameters, Residuals, Slope, prior, solve
@@ -132,14 +132,6 @@ def measure_path(rig: CameraRig, points: FrontierPoints) -> float:
     which it is greatest, m."""
     _, places = measure_places(rig, points)
     return float(np.sqrt(np.linalg.eigvalsh(np.cov(places.T))[-1])) if len(places) > 1 else 0.0
-
-
-def turn_to_up(up: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """Return the axes (3, 3) with Z along `up` and X near `right`."""
-    z = up / np.linalg.norm(up)
-    x = right - z * (z @ right)
-    x /= np.linalg.norm(x)
-    return np.stack([x, np.cross(z, x), z])
 
 
 def _frame_extremes(places: np.ndarray, frames: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
