@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import dataclass
+from functools import partial
 from itertools import combinations
 
 import cv2
@@ -45,10 +46,8 @@ _SAME_TURN, _SAME_LAG = 0.14, 4.0
 _PASSES, _SETTLED, _FURTHER = 8, 0.1, 5.0
 #: Find points in the cameras' pictures of shifted frames that agree to a number of pixels.
 Find = Callable[[Sequence[Camera], np.ndarray, float], FrontierPoints]
-#: Return `further` and `group` of `fit_rig` for shifts (V,) of cameras' frames.
-MeasureShifted = Callable[
-    [np.ndarray], tuple[Sequence[Further], Callable[[FrontierPoints], np.ndarray]]
-]
+#: Return `further` of `fit_rig` for shifts (V,) of cameras' frames.
+MeasureShifted = Callable[[np.ndarray], Sequence[Further]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,6 +72,7 @@ class PersonPoints:
         self.spread = RigSpread(turn=0.1, shift=0.3, focal=0.3 * config.focal, time=5.0)
         self.hulls = [HullRays(c, lines) for c, lines in zip(cameras, outlines, strict=True)]
         self.contours = [SilhouetteContours(lines) for lines in outlines]
+        self._waists = [_find_waists(contours) for contours in self.contours]
         self.counts = [len(lines) for lines in outlines]
         self.shortest = min(self.counts)
         #: In how many pictures each camera shows the whole person.
@@ -83,6 +83,7 @@ class PersonPoints:
         chosen = copy(self)
         chosen.hulls = [self.hulls[view] for view in views]
         chosen.contours = [self.contours[view] for view in views]
+        chosen._waists = [self._waists[view] for view in views]
         return chosen
 
     def find_extremes(
@@ -119,6 +120,24 @@ class PersonPoints:
         tips = find_frontier_points(cameras, moved, scene, gate)
         return join_points([outermost.select(fitting), tips])
 
+    def group(self, points: FrontierPoints, shifts: np.ndarray) -> np.ndarray:
+        """Return numbers (M,) of frontier points of shifted frames: apart by pair of cameras, and
+        the person's upper and lower half, for shadows of the floor spoil the feet."""
+        first, second = points.views.T
+        low = np.zeros(len(points), int)
+        for view, rows in enumerate(self._waists):
+            mine = first == view
+            low[mine] = points.pixels[mine, 0, 1] > rows[points.frames[mine] + int(shifts[view])]
+        return 2 * (first * len(self._waists) + second) + low
+
+
+def _find_waists(contours: SilhouetteContours) -> np.ndarray:
+    """Return the rows (F,) px halfway between top and bottom of the contours."""
+    low, high = np.full((2, int(contours.frames.max(initial=-1)) + 1), np.nan)
+    np.fmin.at(low, contours.frames, contours.points[:, 1])
+    np.fmax.at(high, contours.frames, contours.points[:, 1])
+    return 0.5 * (low + high)
+
 
 def _match_extremes(
     pair: tuple[int, int],
@@ -148,8 +167,8 @@ def adjust_extremes(
 ) -> Adjusted | None:
     """Adjust the rig to the outermost planes; None if there are too few."""
     return adjust_rounds(
-        rig, lags, lambda cameras, shifts, gate: points.find_extremes(cameras, shifts, every),
-        points.spread, [_GATE] * rounds,
+        rig, lags, points, [_GATE] * rounds,
+        lambda cameras, shifts, gate: points.find_extremes(cameras, shifts, every),
     )  # fmt: skip
 
 
@@ -160,8 +179,7 @@ def adjust_frontier(
     """Adjust the rig to all frontier points, matched again within gates from the `widest`, px, to
     the last; None if there are too few."""
     gates = np.geomspace(widest, LAST_GATE, round(widest / 2))
-    spread = points.spread
-    return adjust_rounds(start.rig, start.lags, points.find_all, spread, list(gates), further)
+    return adjust_rounds(start.rig, start.lags, points, list(gates), points.find_all, further)
 
 
 def measure_turn(first: Sequence[Camera], second: Sequence[Camera]) -> float:
@@ -178,29 +196,25 @@ def differ(first: Adjusted, second: Adjusted) -> bool:
 
 
 def adjust_rounds(
-    rig: CameraRig, lags: np.ndarray, find: Find, spread: RigSpread, gates: Sequence[float],
+    rig: CameraRig, lags: np.ndarray, person: PersonPoints, gates: Sequence[float], find: Find,
     further: MeasureShifted | None = None,
 ) -> Adjusted | None:  # fmt: skip
     """Adjust the rig to what `find` finds, in a round per gate; None if there are too few points.
 
-    further: further measurements.
+    further: further measurements; with these the noise of the person's parts is estimated apart.
     """
     corrections = None
     for gate in gates:
         shifts = np.round(lags).astype(int)
-
-        def search(
-            cameras: Sequence[Camera], gate: float, _: np.ndarray, shifts: np.ndarray = shifts
-        ) -> FrontierPoints:
-            return find(cameras, shifts, gate)
-
-        more, group = ((), None) if further is None else further(shifts)
+        search = partial(_find_shifted, find, shifts)
+        more = () if further is None else further(shifts)
+        group = None if further is None else partial(person.group, shifts=shifts)
         start = np.zeros((len(rig), 8))
         start[:, 7] = shifts - lags
         # Cameras without common points have no variances; they are refused later.
         with np.errstate(all="ignore"):
             try:
-                corrections = fit_rig(rig, [gate], search, spread, start, more, group)
+                corrections = fit_rig(rig, [gate], search, person.spread, start, more, group)
                 if corrections is None:
                     return None
                 rig, lags = corrections.apply(rig), shifts - corrections.offsets
@@ -208,6 +222,12 @@ def adjust_rounds(
                 return None
         lags = lags - lags[0]
     return None if corrections is None else Adjusted(rig, lags, corrections)
+
+
+def _find_shifted(
+    find: Find, shifts: np.ndarray, cameras: Sequence[Camera], gate: float, _: np.ndarray
+) -> FrontierPoints:
+    return find(cameras, shifts, gate)
 
 
 def measure_misfit(adjusted: Adjusted, points: PersonPoints, every: int = 1) -> float:

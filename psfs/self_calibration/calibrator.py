@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import partial
 from itertools import combinations
 
 import numpy as np
@@ -19,9 +18,8 @@ import numpy as np
 from cl import InputError
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.common.progress import Track, map_in_threads, track_silently
-from psfs.diagnostics.frontier import FrontierPoints, SilhouetteContours
-from psfs.diagnostics.limbs import LimbPoints, LimbViews
-from psfs.diagnostics.refinement import Further
+from psfs.diagnostics.frontier import FrontierPoints
+from psfs.diagnostics.limbs import LimbViews
 from psfs.self_calibration.adjustment import (
     FIRST,
     LAST_GATE,
@@ -239,41 +237,16 @@ def _refine_finely(
     """Adjust a rig to frontier points and the room's edges until it stays, then to points on limbs'
     axes, too. find_up: tells the person's up (3,)."""
     views = LimbViews.create(points.hulls, points.contours)
-    waists = [_find_waists(contours) for contours in points.contours]
 
-    def prepare(adjusted: Adjusted, limbs: LimbPoints | None = None) -> MeasureShifted:
+    def prepare(adjusted: Adjusted) -> MeasureShifted:
         room = find_room_edges(adjusted.rig, edges, find_up(adjusted.rig))
-
-        def measure(
-            shifts: np.ndarray,
-        ) -> tuple[list[Further], Callable[[FrontierPoints], np.ndarray]]:
-            further = [] if room is None else [room.bind()]
-            further += [] if limbs is None else [limbs.bind(shifts)]
-            return further, partial(_group, waists=waists, shifts=shifts)
-
-        return measure
+        further = [] if room is None else [room.bind()]
+        return lambda shifts: further
 
     def prepare_limbs(adjusted: Adjusted) -> MeasureShifted:
-        return prepare(adjusted, views.find_points(adjusted.rig.cameras, adjusted.lags))
+        room = prepare(adjusted)
+        limbs = views.find_points(adjusted.rig.cameras, adjusted.lags)
+        return lambda shifts: [*room(shifts), limbs.bind(shifts)]
 
     adjusted = refine_until_converged(start, points, prepare)
     return refine_until_converged(adjusted, points, prepare_limbs)
-
-
-def _find_waists(contours: SilhouetteContours) -> np.ndarray:
-    """Return the rows (F,) px halfway between top and bottom of the contours."""
-    low, high = np.full((2, int(contours.frames.max(initial=-1)) + 1), np.nan)
-    np.fmin.at(low, contours.frames, contours.points[:, 1])
-    np.fmax.at(high, contours.frames, contours.points[:, 1])
-    return 0.5 * (low + high)
-
-
-def _group(points: FrontierPoints, waists: Sequence[np.ndarray], shifts: np.ndarray) -> np.ndarray:
-    """Return numbers (M,) of frontier points of shifted frames: apart by pair of cameras, and the
-    person's upper and lower half, for shadows of the floor spoil the feet."""
-    first, second = points.views.T
-    low = np.zeros(len(points), int)
-    for view, rows in enumerate(waists):
-        mine = first == view
-        low[mine] = points.pixels[mine, 0, 1] > rows[points.frames[mine] + int(shifts[view])]
-    return 2 * (first * len(waists) + second) + low
