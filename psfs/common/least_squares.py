@@ -60,10 +60,10 @@ class Residuals:
     values: (M,) or (M, R), found less expected; NaN where there is none, infinite where parameters
     cannot be. sigma: their standard deviation, a number or (M,); None: estimated from the residuals
     by the median, but at least `least`. weights: (M,) how many independent measurements each is; 1
-    by default. robust: whether measurements may be wrong. groups: (M,) int, measurements whose
-    noise is estimated together. through: if numbers (M,) depend on the parameters by way of the
-    coordinates of L items alone, as points by those of the part that they touch, `slopes` is one,
-    by these coordinates, and `through` holds theirs (L, size of coordinates, size) by each block.
+    by default. robust: whether measurements may be wrong. through: if numbers (M,) depend on the
+    parameters by way of the coordinates of L items alone, as points by those of the part that they
+    touch, `slopes` is one, by these coordinates, and `through` holds theirs (L, size of
+    coordinates, size) by each block.
     """
 
     values: np.ndarray
@@ -71,7 +71,6 @@ class Residuals:
     sigma: np.ndarray | float | None = None
     weights: np.ndarray | float = 1.0
     robust: bool = True
-    groups: np.ndarray | None = None
     least: float = 1e-9
     through: Sequence[Slope] = ()
 
@@ -89,7 +88,7 @@ class Residuals:
         """Return the standard deviation (M,) of each number."""
         if self.sigma is not None:
             return np.broadcast_to(np.asarray(self.sigma, float), len(self.values))
-        return estimate_noise(self.values, self.groups, self.least)
+        return estimate_noise(self.values, least=self.least)
 
 
 def _as_rows(values: np.ndarray) -> np.ndarray:
