@@ -449,29 +449,22 @@ _MOST_REMEMBERED = 1000
 _LIST = "written.txt"
 
 
-@dataclass
-class _Guard:
-    """State of the running command. active: whether existing files are protected. overwrite: what
-    --overwrite says."""
-
-    active: bool = False
-    overwrite: bool = False
-
-
-_guard = _Guard()
+#: What --overwrite says; None unless existing files are protected.
+_overwrite: bool | None = None
 
 
 @contextlib.contextmanager
 def guard_files(overwrite: bool = False) -> Iterator[None]:
     """Protect existing files inside; a command within a command keeps the outer one's rule."""
-    if _guard.active:
+    global _overwrite
+    if _overwrite is not None:
         yield
         return
-    _guard.active, _guard.overwrite = True, overwrite
+    _overwrite = overwrite
     try:
         yield
     finally:
-        _guard.active, _guard.overwrite = False, False
+        _overwrite = None
 
 
 def check_file(path: Path, inputs: Iterable[Path] = ()) -> None:
@@ -490,7 +483,7 @@ def check_file(path: Path, inputs: Iterable[Path] = ()) -> None:
         return
     if not stat.S_ISREG(status.st_mode):
         raise InputError(f"{path}: exists and is no regular file; expected a name for a new file")
-    if not _guard.active or _guard.overwrite or _entry(real, status) in _read_list():
+    if _overwrite is not False or _entry(real, status) in _read_list():
         return
     raise InputError(
         f"{path}: exists and was not written by this program; expected a name for a new file, or "
@@ -500,7 +493,7 @@ def check_file(path: Path, inputs: Iterable[Path] = ()) -> None:
 
 def remember_file(path: Path) -> None:
     """List `path`, which a command has written, so that the next one may replace it."""
-    if not _guard.active:
+    if _overwrite is None:
         return
     with contextlib.suppress(OSError):  # then the next command asks for --overwrite
         real = Path(os.path.realpath(path))
