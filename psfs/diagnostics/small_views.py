@@ -218,8 +218,13 @@ def mark_hidden_points(
 
 def find_border_points(points: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
     """Return which points (N, 2) px are at the border of a picture of `shape`."""
-    last = np.array(shape[::-1]) - 2
-    return np.asarray(((points <= 1) | (points >= last)).any(axis=1))
+    return np.asarray(find_reached_edges(points, shape[::-1]).any(axis=1))
+
+
+def find_reached_edges(points: np.ndarray, size: tuple[int, ...]) -> np.ndarray:
+    """Return which edges (N, 4) of a picture of `size` points (N, 2) px are at: left, top, right,
+    bottom."""
+    return np.concatenate([points <= 1, points >= np.array(size) - 2], axis=1)
 
 
 class Shrink:
