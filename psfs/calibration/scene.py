@@ -38,7 +38,8 @@ class CalibrationScene:
         """Transform the scene to another world, x' = world x, (4, 4)."""
         inverse = np.linalg.inv(world)
         cameras = tuple(
-            place_camera(camera, camera_pose(camera) @ inverse) for camera in self.cameras
+            place_camera(camera, rigid_transform(camera.R, camera.t) @ inverse)
+            for camera in self.cameras
         )
         return CalibrationScene(
             cameras, {frame: world @ pose for frame, pose in self.poses.items()}
@@ -65,11 +66,6 @@ def rigid_transform(R: np.ndarray, t: np.ndarray) -> np.ndarray:
     pose[:3, :3] = R if np.size(R) == 9 else cv2.Rodrigues(np.asarray(R, float))[0]
     pose[:3, 3] = np.ravel(t)
     return pose
-
-
-def camera_pose(camera: Camera) -> np.ndarray:
-    """Return the transform (4, 4) from the world to the camera."""
-    return rigid_transform(camera.R, camera.t)
 
 
 def place_camera(camera: Camera, pose: np.ndarray) -> Camera:
