@@ -26,7 +26,7 @@ from psfs.cameras.camera import Camera
 from psfs.common.least_squares import Parameters, Residuals, Slope, solve
 from psfs.common.progress import map_in_threads
 from psfs.diagnostics.frontier import SilhouetteContours
-from psfs.diagnostics.hulls import HullRays, find_person, measure_sight
+from psfs.diagnostics.hulls import HullRays, measure_sight
 from psfs.diagnostics.refinement import N_PARAMETERS, NOISE, Further, measure_points
 from psfs.footage.camera_times import INDEPENDENT_SHARE
 
@@ -184,24 +184,14 @@ class _Traced:
         return _Traced(*(getattr(self, field.name)[mask] for field in fields(self)))
 
 
-@dataclass(frozen=True, eq=False)
-class LimbViews:
-    """Limbs' axes in the pictures of V cameras, and where these see the person, see
-    `measure_sight`."""
-
-    axes: list[MedialAxes]
-    sights: np.ndarray
-
-    @classmethod
-    def create(cls, hulls: Sequence[HullRays], contours: Sequence[SilhouetteContours]) -> LimbViews:
-        """Measure the axes in the contours of each view."""
-        pairs = list(zip(hulls, contours, strict=True))
-        axes = map_in_threads(lambda pair: MedialAxes.create(pair[0].camera, pair[1]), pairs)
-        return cls(list(axes), np.stack([measure_sight(view_hulls) for view_hulls in hulls]))
-
-    def find_points(self, cameras: Sequence[Camera], lags: np.ndarray) -> LimbPoints:
-        """Return the points on axes on which cameras of these lags (V,) frames agree."""
-        return LimbPoints(cameras, lags, self.axes, *find_person(cameras, self.sights))
+def measure_limbs(
+    hulls: Sequence[HullRays], contours: Sequence[SilhouetteContours]
+) -> tuple[list[MedialAxes], np.ndarray]:
+    """Return the axes of limbs in the contours of each of V views, and where these see the person
+    (V, 3), see `measure_sight`."""
+    pairs = list(zip(hulls, contours, strict=True))
+    axes = map_in_threads(lambda pair: MedialAxes.create(pair[0].camera, pair[1]), pairs)
+    return list(axes), np.stack([measure_sight(view_hulls) for view_hulls in hulls])
 
 
 class LimbPoints:

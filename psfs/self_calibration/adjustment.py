@@ -28,7 +28,7 @@ from psfs.diagnostics.frontier import (
     join_points,
 )
 from psfs.diagnostics.hulls import HullRays
-from psfs.diagnostics.refinement import Further, RigCorrections, RigSpread, correct_camera, fit_rig
+from psfs.diagnostics.refinement import Further, RigCorrections, correct_camera, fit_rig, spread_rig
 from psfs.diagnostics.small_views import Outline
 from psfs.self_calibration.config import PersonConfig
 from psfs.self_calibration.upright import FEWEST
@@ -53,11 +53,16 @@ MeasureShifted = Callable[[np.ndarray], Sequence[Further]]
 @dataclass(frozen=True, eq=False)
 class Adjusted:
     """An adjusted rig. lags: (V,) frame t of the first camera shows the time of frame t + lags[v]
-    of camera v. last: the corrections of the last step, if there was one."""
+    of camera v. last: the corrections of the last step."""
 
     rig: CameraRig
     lags: np.ndarray
-    last: RigCorrections | None
+    last: RigCorrections
+
+    @property
+    def shifts(self) -> np.ndarray:
+        """The lags (V,) in whole frames."""
+        return np.round(self.lags).astype(int)
 
 
 class PersonPoints:
@@ -69,7 +74,7 @@ class PersonPoints:
     ) -> None:  # fmt: skip
         self.config = config
         #: Steps of the cameras; lenses are kept unless only an angle of view is stated.
-        self.spread = RigSpread(turn=0.1, shift=0.3, focal=0.3 * config.focal, time=5.0)
+        self.spread = spread_rig(turn=0.1, shift=0.3, focal=0.3 * config.focal, time=5.0)
         self.hulls = [HullRays(c, lines) for c, lines in zip(cameras, outlines, strict=True)]
         self.contours = [SilhouetteContours(lines) for lines in outlines]
         self._waists = [_find_waists(contours) for contours in self.contours]
@@ -233,14 +238,21 @@ def _find_shifted(
 def measure_misfit(adjusted: Adjusted, points: PersonPoints, every: int = 1) -> float:
     """Return the mean distance, px, of the outermost points from the epipolar lines. Each point
     that is missing, because lags leave out its frame, counts with half the largest distance."""
-    shifts = np.round(adjusted.lags).astype(int)
-    outermost = points.find_extremes(adjusted.rig.cameras, shifts, every)
+    outermost, residuals = _measure_extremes(adjusted, points, every)
     n = len(adjusted.rig)
     wanted = 0.5 * n * (n - 1) * points.shortest / every
-    residuals, _ = epipolar_residuals(adjusted.rig.cameras, outermost, shifts - adjusted.lags)
     total = np.minimum(np.abs(residuals), FARTHEST).sum()
     total += 0.5 * FARTHEST * max(0.0, wanted - len(outermost))
     return float(total / max(wanted, len(outermost), 1))
+
+
+def _measure_extremes(
+    adjusted: Adjusted, points: PersonPoints, every: int = 1
+) -> tuple[FrontierPoints, np.ndarray]:
+    """Return the outermost points and their residuals (M,), px."""
+    cameras, shifts = adjusted.rig.cameras, adjusted.shifts
+    outermost = points.find_extremes(cameras, shifts, every)
+    return outermost, epipolar_residuals(cameras, outermost, shifts - adjusted.lags)[0]
 
 
 def measure_misfits(adjusted: Adjusted, points: PersonPoints) -> np.ndarray:
@@ -251,11 +263,9 @@ def measure_misfits(adjusted: Adjusted, points: PersonPoints) -> np.ndarray:
     a shadow that two cameras see alike does not move. Infinity with fewer than two pairs that share
     enough: one alone does not tell how far away a camera is.
     """
-    cameras, shifts = adjusted.rig.cameras, np.round(adjusted.lags).astype(int)
-    outermost = points.find_extremes(cameras, shifts)
-    residuals, _ = epipolar_residuals(cameras, outermost, shifts - adjusted.lags)
-    of_cameras: list[list[float]] = [[] for _ in cameras]
-    for pair in combinations(range(len(cameras)), 2):
+    outermost, residuals = _measure_extremes(adjusted, points)
+    of_cameras: list[list[float]] = [[] for _ in adjusted.rig]
+    for pair in combinations(range(len(of_cameras)), 2):
         errors = np.abs(residuals[(outermost.views == pair).all(axis=1)])
         if len(errors) >= FEWEST:
             for view in pair:
@@ -276,14 +286,14 @@ def refine_until_converged(
     before = start
     for _ in range(_PASSES):
         after = adjust_frontier(before, points, 4.0, None if prepare is None else prepare(before))
-        if after is None or after.last is None:
+        if after is None:
             break
         turn = measure_turn(before.rig.cameras, after.rig.cameras)
         if turn < _SETTLED * after.last.sigmas[:, :3].min():
             return after
         ahead = adjust_frontier(_go_on(before, after), points, 8.0) if far else None
         before = after
-        if ahead is not None and ahead.last is not None and ahead.last.count > after.last.count:
+        if ahead is not None and ahead.last.count > after.last.count:
             before = ahead
     return before
 

@@ -19,7 +19,8 @@ from cl import InputError
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.common.progress import Track, map_in_threads, track_silently
 from psfs.diagnostics.frontier import FrontierPoints
-from psfs.diagnostics.limbs import LimbViews
+from psfs.diagnostics.hulls import find_person
+from psfs.diagnostics.limbs import LimbPoints, measure_limbs
 from psfs.self_calibration.adjustment import (
     FIRST,
     LAST_GATE,
@@ -223,11 +224,12 @@ def _make_calibration(
     best, misfits = check_fit(best, points)
     turns, moves = measure_uncertainty(best, points, rate)
     check_uncertainty(best, turns, moves, points)
-    touched = points.find_all(best.rig.cameras, np.round(best.lags).astype(int), LAST_GATE)
+    touched = points.find_all(best.rig.cameras, best.shifts, LAST_GATE)
     rig, levelled = align(best, touched)
-    residual, count = (best.last.residual, best.last.count) if best.last else (np.nan, 0)
     path = measure_path(rig, touched)
-    return PersonCalibration(rig, best.lags, residual, count, misfits, path, levelled, turns, moves)
+    return PersonCalibration(
+        rig, best.lags, best.last.residual, best.last.count, misfits, path, levelled, turns, moves
+    )
 
 
 def _refine_finely(
@@ -236,7 +238,7 @@ def _refine_finely(
 ) -> Adjusted:  # fmt: skip
     """Adjust a rig to frontier points and the room's edges until it stays, then to points on limbs'
     axes, too. find_up: tells the person's up (3,)."""
-    views = LimbViews.create(points.hulls, points.contours)
+    axes, sights = measure_limbs(points.hulls, points.contours)
 
     def prepare(adjusted: Adjusted) -> MeasureShifted:
         room = find_room_edges(adjusted.rig, edges, find_up(adjusted.rig))
@@ -244,8 +246,8 @@ def _refine_finely(
         return lambda shifts: further
 
     def prepare_limbs(adjusted: Adjusted) -> MeasureShifted:
-        room = prepare(adjusted)
-        limbs = views.find_points(adjusted.rig.cameras, adjusted.lags)
+        room, cameras = prepare(adjusted), adjusted.rig.cameras
+        limbs = LimbPoints(cameras, adjusted.lags, axes, *find_person(cameras, sights))
         return lambda shifts: [*room(shifts), limbs.bind(shifts)]
 
     adjusted = refine_until_converged(start, points, prepare)

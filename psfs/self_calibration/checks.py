@@ -101,7 +101,7 @@ def measure_uncertainty(
     2011). The room's edges and limbs, which are not counted, tell more: errors are
     0.4 to 0.7 of it. rate: frames per second.
     """
-    cameras, shifts = adjusted.rig.cameras, np.round(adjusted.lags).astype(int)
+    cameras, shifts = adjusted.rig.cameras, adjusted.shifts
     touched = points.find_all(cameras, shifts, FARTHEST)  # with what is wrong alike
     residuals, slopes = epipolar_residuals(cameras, touched, shifts - adjusted.lags)
     size, rows = len(cameras) * N_PARAMETERS, np.arange(len(touched))
@@ -111,8 +111,9 @@ def measure_uncertainty(
     jacobian = by_camera.reshape(-1, size)
     noise = estimate_noise(residuals, least=NOISE)
     weights = robust_weights(residuals, noise) / noise**2
-    allowed, held = points.spread, measure_scene_motion(adjusted.rig) / 1e-3
-    spread = np.tile([*3 * [allowed.turn], *3 * [allowed.shift], 1e-4, allowed.time], len(cameras))
+    allowed, held = points.spread.copy(), measure_scene_motion(adjusted.rig) / 1e-3
+    allowed[6] = 1e-4
+    spread = np.tile(allowed, len(cameras))
     normal = (jacobian.T * weights) @ jacobian + np.diag(spread**-2.0) + held.T @ held
     inverse = np.linalg.inv(normal)
     pulls = (weights * residuals)[:, None] * jacobian

@@ -55,9 +55,7 @@ def align_to_person(
     low, _ = _frame_extremes(triangulate_points(rig, points), points.frames)
     slope = fit_floor(low)
     rig = _place(rig, np.array([-slope[0], -slope[1], 1.0]), points, stature)
-    rig, levelled = level_rig(
-        Adjusted(rig, adjusted.lags, adjusted.last), take.points, take.edges, points
-    )
+    rig, levelled = level_rig(replace(adjusted, rig=rig), take.points, take.edges, points)
     return _place(rig, np.array([0.0, 0.0, 1.0]), points, stature, floor=0.0), levelled
 
 
@@ -73,8 +71,7 @@ def level_rig(
     up = fit_vertical(rig, edges, np.array([0.0, 0.0, 1.0]))
     if up is not None:
         rig = _transform(rig, turn_to_up(up, np.array([1.0, 0.0, 0.0])), np.zeros(3))
-    shifts, places = np.round(adjusted.lags).astype(int), measure_places(rig, points)
-    floor = measure_floor(rig, person.contours, shifts, *places)
+    floor = measure_floor(rig, person.contours, adjusted.shifts, *measure_places(rig, points))
     return _transform(rig, np.eye(3), np.array([0.0, 0.0, -floor])), up is not None
 
 
