@@ -349,21 +349,16 @@ class _Layout:
     def _rows(self, block: Residuals, roots: np.ndarray) -> scipy.sparse.csr_matrix:
         """Return the weighted rows (M R, size) of the Jacobian."""
         count, width = block.rows.shape
-        at = np.arange(count * width).reshape(count, width, 1)
-        parts: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
-        for slope in block.slopes:
-            columns = self._places[slope.name][slope.items][:, None]
-            entries = np.nan_to_num(slope.values) * roots[..., None]
-            filled = np.broadcast_to(columns >= 0, entries.shape) & (entries != 0)
-            parts.append(
-                (
-                    entries[filled],
-                    np.broadcast_to(at, entries.shape)[filled],
-                    np.broadcast_to(columns, entries.shape)[filled],
-                )
-            )
-        entries, rows, columns = (np.concatenate(block) for block in zip(*parts, strict=True))
-        return scipy.sparse.csr_matrix((entries, (rows, columns)), shape=(count * width, self.size))
+        places = [self._places[slope.name][slope.items] for slope in block.slopes]
+        values = np.concatenate([slope.values for slope in block.slopes], axis=2)
+        row, column, entries = np.broadcast_arrays(
+            np.arange(count * width).reshape(count, width, 1),
+            np.concatenate(places, axis=1)[:, None],
+            np.nan_to_num(values) * roots[..., None],
+        )
+        filled = (column >= 0) & (entries != 0)
+        at = row[filled], column[filled]
+        return scipy.sparse.csr_matrix((entries[filled], at), shape=(count * width, self.size))
 
 
 class _Factor:
