@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator
 from collections.abc import Sequence as Items
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import cv2
 import numpy as np
@@ -33,10 +33,6 @@ CLOUD_DEFINITION = (
     "iou of the voxels within the cloud's surface with those that lie in every true mask, of those "
     "that all cameras with a true mask see"
 )
-
-
-#: The scores of a cloud.
-CLOUD_SCORES = ("iou", "ceiling", "ghosts", "volume")
 
 
 @dataclass(frozen=True)
@@ -71,7 +67,8 @@ def score_cloud(rig: CameraRig, cloud: VoxelCloud, truth: Items[np.ndarray | Non
 
 def mean_scores(scores: Items[CloudScore]) -> dict[str, float | None]:
     """Return the mean of each score over frames, None where it is unknown."""
-    means = {name: mean_known([getattr(score, name) for score in scores]) for name in CLOUD_SCORES}
+    names = [field.name for field in fields(CloudScore)]
+    means = {name: mean_known([getattr(score, name) for score in scores]) for name in names}
     return {name: None if np.isnan(mean) else mean for name, mean in means.items()}
 
 
