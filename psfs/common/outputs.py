@@ -192,8 +192,6 @@ class OutputFolder:
             self._owner.flush()
         except OSError as error:
             self.close()
-            if isinstance(error, InputError):
-                raise
             raise InputError(f"{self.folder}: cannot be written: {error.strerror}") from None
 
     def close(self) -> None:
