@@ -32,10 +32,11 @@ class Finder(Protocol):
     def __call__(self, view: int, picture: np.ndarray) -> Found | None: ...
 
 
-def open_uncalibrated(folder: Path, stated: SequenceSettings) -> Views:
+def open_uncalibrated(folder: Path, stated: SequenceSettings, silhouettes: bool = False) -> Views:
     """Open a folder of views that needs no calibration; its `sequence.toml` applies.
 
-    Raises InputError for what cannot be read.
+    silhouettes: whether to open the empty scene and masks, too. Raises InputError for what cannot
+    be read.
     """
     settings = stated.fill_from(SequenceSettings.read(folder / "sequence.toml"))
     if settings.sync == "auto":
@@ -43,7 +44,7 @@ def open_uncalibrated(folder: Path, stated: SequenceSettings) -> Views:
             "sync is auto, which needs a calibration; expected audio (by the sound of a clap) or "
             "CAMERA=N,...; see docs/from_phones.md"
         )
-    return Views(folder, LAYOUT, read_uncalibrated(folder, settings), settings)
+    return Views(folder, LAYOUT, read_uncalibrated(folder, settings, silhouettes), settings)
 
 
 def crop_pictures(frame: Frame, rig: CameraRig) -> list[np.ndarray]:
