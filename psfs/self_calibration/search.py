@@ -25,19 +25,19 @@ from psfs.self_calibration.upright import FEWEST, UprightView
 _PLACES, _PLANES = 0.1, 0.006
 #: Shortest line between two cameras, and the height of the person's middle, statures.
 _SHORTEST, _MIDDLE = 0.2, 0.55
-#: Angles around the vertical that are tried, rad.
-_ANGLES = 2 * np.pi * np.arange(36) / 36
+#: Angles around the vertical that are tried, rad, and lags with one translation.
+_ANGLES, _STRIDE = 2 * np.pi * np.arange(36) / 36, 5
 #: Partial arrangements that are kept, places that are tried of each camera, and steps of angle and
 #: lag up to which arrangements are the same.
 _KEPT, _BEST_PLACES, _SAME = 80, 12, 2
 
 
-def compare_pair(first: UprightView, second: UprightView, most: int, stride: int = 5) -> np.ndarray:
+def compare_pair(first: UprightView, second: UprightView, most: int) -> np.ndarray:
     """Return the costs (A, 2 most + 1) of two cameras at all angles and lags.
 
     At an angle the second camera's axes are turned by it, counter-clockwise from above. At lag l,
     frame t of the first shows the time of frame t + l of the second. NaN where they cannot be
-    compared. The translation is the same for `stride` consecutive lags.
+    compared. The translation is the same for `_STRIDE` consecutive lags.
     """
     costs = np.full((len(_ANGLES), 2 * most + 1), np.nan)
     a, b = first.places, second.places
@@ -45,8 +45,8 @@ def compare_pair(first: UprightView, second: UprightView, most: int, stride: int
     cosine, sine = np.cos(_ANGLES), np.sin(_ANGLES)
     turns = np.stack([np.stack([cosine, -sine], -1), np.stack([sine, cosine], -1)], -2)
     turned = b @ turns.swapaxes(1, 2)
-    for begin in range(0, 2 * most + 1, stride):
-        lags = np.arange(begin, min(begin + stride, 2 * most + 1)) - most
+    for begin in range(0, 2 * most + 1, _STRIDE):
+        lags = np.arange(begin, min(begin + _STRIDE, 2 * most + 1)) - most
         one, other = _overlap(a, b, int(lags[len(lags) // 2]))
         known = np.isfinite(one).all(1) & np.isfinite(other).all(1)
         if known.sum() < fewest:
