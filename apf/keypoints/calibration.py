@@ -12,12 +12,12 @@ from apf.body.toml import load_body
 from apf.keypoints.keypoints import Keypoints
 from apf.keypoints.landmarks import find_landmarks, locate_points
 from cl import InputError
-from psfs.calibration.scene import CalibrationScene, rigid_transform
+from psfs.calibration.scene import CalibrationScene, rigid_transform, turn_to_up
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.names import join_names
 from psfs.self_calibration.config import PersonConfig
 from psfs.self_calibration.points.calibrator import PointCalibration, calibrate_by_points
-from psfs.self_calibration.world import fit_floor, turn_to_up
+from psfs.self_calibration.world import fit_floor
 
 #: Landmarks that are used, each of both sides. Networks guess faces that are turned away, and put
 #: hips elsewhere in each view.

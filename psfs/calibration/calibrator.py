@@ -7,8 +7,9 @@ not their points, are independent, with one rate of false alarms.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 
 import cv2
 import numpy as np
@@ -81,12 +82,8 @@ def explain_disagreement(
     """
     every = [sightings[k] for k in pick_evenly(len(sightings), _SAMPLED)]
     error = rms(reprojection_errors(scene, target, every))
-    guesses = [
-        _test_moved(scene, target, every),
-        _test_late(scene, target, every),
-        _test_lens(scene, target, every),
-    ]
-    left, text = min(guesses)
+    guesses = (guess(scene, target, every) for guess in (_guess_moved, _guess_late, _guess_lens))
+    left, text = min(chain.from_iterable(guesses), key=lambda guess: guess[0])
     if error**2 < _limit_ratio(len(every), len(every)) * left**2:
         text = "it was moved, filmed something else, or its lens or focus changed"
     else:
@@ -111,50 +108,44 @@ def _fit_camera(
     return reprojection_errors(scene, target, sightings), scene
 
 
-def _test_moved(
+def _guess_moved(
     scene: CalibrationScene, target: Target, sightings: list[Sighting]
-) -> tuple[float, str]:
-    best = np.inf, ""
+) -> Iterator[tuple[float, str]]:
     for share in np.linspace(0.1, 0.9, 9):
         at = round(share * len(sightings))
         parts = sightings[:at], sightings[at:]
         if min(len(part) for part in parts) < 3:
             continue
         (one, before), (two, after) = (_fit_camera(scene, target, part) for part in parts)
-        left = rms(np.concatenate([one, two]))
-        if left < best[0]:
-            view = sightings[0].view
-            away = np.linalg.norm(before.cameras[view].centre - after.cameras[view].centre)
-            turn = before.cameras[view].R @ after.cameras[view].R.T
-            angle = np.degrees(np.linalg.norm(cv2.Rodrigues(turn)[0]))
-            when = parts[1][0].frame // target.boards
-            text = f"it was moved near frame {when}, by {1000 * away:.0f} mm"
-            best = left, f"{text} and {angle:.1f} degrees"
-    return best
+        view = sightings[0].view
+        away = np.linalg.norm(before.cameras[view].centre - after.cameras[view].centre)
+        turn = before.cameras[view].R @ after.cameras[view].R.T
+        angle = np.degrees(np.linalg.norm(cv2.Rodrigues(turn)[0]))
+        when = parts[1][0].frame // target.boards
+        text = f"it was moved near frame {when}, by {1000 * away:.0f} mm and {angle:.1f} degrees"
+        yield rms(np.concatenate([one, two])), text
 
 
-def _test_late(
+def _guess_late(
     scene: CalibrationScene, target: Target, sightings: list[Sighting]
-) -> tuple[float, str]:
-    best, most = (np.inf, ""), _MOST_LATE
-    for late in (*range(-most, 0), *range(1, most + 1)):
+) -> Iterator[tuple[float, str]]:
+    name = scene.cameras[sightings[0].view].name
+    for late in (*range(-_MOST_LATE, 0), *range(1, _MOST_LATE + 1)):
         shifted = [replace(s, frame=s.frame - late * target.boards) for s in sightings]
         shifted = [s for s in shifted if s.frame in scene.poses]
         if len(shifted) >= max(4, len(sightings) // 2):
+            word = "late" if late > 0 else "early"
+            text = f"it comes {abs(late)} frames {word}: state --sync {name}={late}"
             left = rms(_fit_camera(scene, target, shifted)[0])
-            if left < best[0]:
-                word, name = "late" if late > 0 else "early", scene.cameras[sightings[0].view].name
-                text = f"it comes {abs(late)} frames {word}: state --sync {name}={late}"
-                best = left, f"{text}, or add {late} to its present lag"
-    return best
+            yield left, f"{text}, or add {late} to its present lag"
 
 
-def _test_lens(
+def _guess_lens(
     scene: CalibrationScene, target: Target, sightings: list[Sighting]
-) -> tuple[float, str]:
+) -> Iterator[tuple[float, str]]:
     errors, fitted = _fit_camera(scene, target, sightings, lens=True)
     view = sightings[0].view
-    return rms(errors), describe_lens_change(scene.cameras[view], fitted.cameras[view])
+    yield rms(errors), describe_lens_change(scene.cameras[view], fitted.cameras[view])
 
 
 def describe_lens_change(stated: Camera, wanted: Camera) -> str:

@@ -59,9 +59,13 @@ class Coverage:
         return gaps
 
 
-def measure_coverage(cameras: Sequence[Camera], sightings: Sequence[Sighting]) -> list[Coverage]:
-    """Return the coverage of each camera."""
-    shared = count_shared_frames(sightings, len(cameras))
+def measure_coverage(
+    cameras: Sequence[Camera], sightings: Sequence[Sighting], shared: np.ndarray | None = None
+) -> list[Coverage]:
+    """Return the coverage of each camera. shared: frames (V, V) that two cameras share, by default
+    those of the sightings."""
+    if shared is None:
+        shared = count_shared_frames(sightings, len(cameras))
     coverages = []
     for view, group in enumerate(group_by_view(sightings, len(cameras))):
         pixels = np.concatenate([s.pixels for s in group] or [np.zeros((0, 2))])
@@ -108,12 +112,10 @@ def summarise_views(result: CalibrationResult, lenses_known: bool) -> list[ViewR
     """Summarise what every camera saw, and its faults."""
     cameras = result.scene.cameras
     reports = []
-    for view, seen in enumerate(measure_coverage(cameras, result.sightings)):
+    for view, seen in enumerate(measure_coverage(cameras, result.sightings, result.shared)):
         sightings = [sighting for sighting in result.sightings if sighting.view == view]
         pixels = np.concatenate([s.pixels for s in sightings] or [np.zeros((0, 2))])
         errors = reprojection_errors(result.scene, result.target, sightings)
-        shared = int(np.delete(result.shared[view], view).max(initial=0))
-        seen = replace(seen, shared=shared)
         faults = _list_faults(result, cameras[view].name, seen, lenses_known)
         dropped = result.dropped[cameras[view].name]
         reports.append(ViewReport(cameras[view], seen, pixels, errors, dropped, faults))

@@ -38,11 +38,20 @@ class CalibrationScene:
         """Transform the scene to another world, x' = world x, (4, 4)."""
         inverse = np.linalg.inv(world)
         cameras = tuple(
-            place_camera(camera, camera_pose(camera) @ inverse) for camera in self.cameras
+            place_camera(camera, rigid_transform(camera.R, camera.t) @ inverse)
+            for camera in self.cameras
         )
         return CalibrationScene(
             cameras, {frame: world @ pose for frame, pose in self.poses.items()}
         )
+
+
+def turn_to_up(up: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """Return the axes (3, 3) with Z along `up` and X near `right`."""
+    z = up / np.linalg.norm(up)
+    x = right - z * (z @ right)
+    x /= np.linalg.norm(x)
+    return np.stack([x, np.cross(z, x), z])
 
 
 def transform_points(pose: np.ndarray, points: np.ndarray) -> np.ndarray:
@@ -57,11 +66,6 @@ def rigid_transform(R: np.ndarray, t: np.ndarray) -> np.ndarray:
     pose[:3, :3] = R if np.size(R) == 9 else cv2.Rodrigues(np.asarray(R, float))[0]
     pose[:3, 3] = np.ravel(t)
     return pose
-
-
-def camera_pose(camera: Camera) -> np.ndarray:
-    """Return the transform (4, 4) from the world to the camera."""
-    return rigid_transform(camera.R, camera.t)
 
 
 def place_camera(camera: Camera, pose: np.ndarray) -> Camera:
@@ -159,13 +163,8 @@ def _align_axes(
 
     Z points to the cameras' side of the floor, and `origin` gets the coordinates (0, 0, height).
     """
-    z = normal / np.linalg.norm(normal)
     centres = np.array([camera.centre for camera in scene.cameras])
-    if towards_cameras and ((centres - origin) @ z).mean() < 0:
-        z = -z
-    x = across - (across @ z) * z
-    x = x / np.linalg.norm(x)
-    R = np.stack([x, np.cross(z, x), z])
-    return rigid_transform(
-        R, np.array([0, 0, height]) - transform_points(rigid_transform(R, np.zeros(3)), origin)
-    )
+    if towards_cameras and ((centres - origin) @ normal).mean() < 0:
+        normal = -normal
+    R = turn_to_up(normal, across)
+    return rigid_transform(R, np.array([0, 0, height]) - origin @ R.T)

@@ -15,6 +15,7 @@ from psfs.calibration.intrinsics import (
     make_cameras_by_metadata,
     read_intrinsics,
 )
+from psfs.calibration.targets.detection import open_uncalibrated
 from psfs.cameras.calibration import find_calibration
 from psfs.cameras.calibration.toml_tables import write_toml_tables
 from psfs.cameras.camera import Camera, CameraRig
@@ -25,7 +26,6 @@ from psfs.common.progress import map_in_threads
 from psfs.common.requests import write_settings
 from psfs.common.system import versions
 from psfs.diagnostics.small_views import LARGE_SIDE, Outline
-from psfs.footage.layouts.uncalibrated import LAYOUT, read_uncalibrated
 from psfs.footage.media import IMAGE_SUFFIXES, VIDEO_SUFFIXES, list_media
 from psfs.footage.settings import SequenceSettings
 from psfs.request import CALIBRATION, REPORT, PersonRequest
@@ -77,11 +77,8 @@ def read_person_config(request: PersonRequest) -> PersonConfig:
 def open_person_footage(request: PersonRequest) -> Sequence:
     """Open the folder of uncalibrated cameras, with the empty scene or masks where it has some."""
     folder, stated = Path(request.folder or ""), request.capture
-    settings = SequenceSettings(cameras=stated.cameras, fps=stated.fps, sync={}).fill_from(
-        SequenceSettings.read(folder / "sequence.toml")
-    )
-    footage = read_uncalibrated(folder, settings, silhouettes=True)
-    views = Sequence(folder, LAYOUT, footage, settings)
+    settings = SequenceSettings(cameras=stated.cameras, fps=stated.fps, sync={})
+    views = open_uncalibrated(folder, settings, silhouettes=True)
     for note in views.notes:
         remark("note", "cyan", note)
     return views

@@ -69,8 +69,6 @@ def read_numbers(path: Path) -> np.ndarray:
     try:
         return np.array(" ".join(line.partition("#")[0] for line in lines).split(), np.float64)
     except ValueError as error:
-        if isinstance(error, InputError):
-            raise
         word = str(error).partition(": ")[2]
         quoted = word if len(word) <= 40 else f"{word[:40]}...'"
         raise InputError(f"{path}: expected numbers only; found {quoted}") from None
@@ -83,12 +81,10 @@ def read_json(path: Path, what: str, nan: bool = False) -> Any:
     what: description of the expected file, for errors. nan: allow NaN and Infinity, which JSON does
     not have.
     """
+    text = read_text(path, what, MOST_BYTES)
     try:
-        constants = None if nan else _reject_constant
-        return json.loads(read_text(path, what, MOST_BYTES), parse_constant=constants)
+        return json.loads(text, parse_constant=None if nan else _reject_constant)
     except (ValueError, RecursionError) as error:
-        if isinstance(error, InputError):
-            raise
         reason = "nested too deeply" if isinstance(error, RecursionError) else str(error)
         raise InputError(f"{path}: malformed JSON: {reason}; expected {what}") from None
 

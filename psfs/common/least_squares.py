@@ -60,10 +60,10 @@ class Residuals:
     values: (M,) or (M, R), found less expected; NaN where there is none, infinite where parameters
     cannot be. sigma: their standard deviation, a number or (M,); None: estimated from the residuals
     by the median, but at least `least`. weights: (M,) how many independent measurements each is; 1
-    by default. robust: whether measurements may be wrong. groups: (M,) int, measurements whose
-    noise is estimated together. through: if numbers (M,) depend on the parameters by way of the
-    coordinates of L items alone, as points by those of the part that they touch, `slopes` is one,
-    by these coordinates, and `through` holds theirs (L, size of coordinates, size) by each block.
+    by default. robust: whether measurements may be wrong. through: if numbers (M,) depend on the
+    parameters by way of the coordinates of L items alone, as points by those of the part that they
+    touch, `slopes` is one, by these coordinates, and `through` holds theirs (L, size of
+    coordinates, size) by each block.
     """
 
     values: np.ndarray
@@ -71,7 +71,6 @@ class Residuals:
     sigma: np.ndarray | float | None = None
     weights: np.ndarray | float = 1.0
     robust: bool = True
-    groups: np.ndarray | None = None
     least: float = 1e-9
     through: Sequence[Slope] = ()
 
@@ -89,7 +88,7 @@ class Residuals:
         """Return the standard deviation (M,) of each number."""
         if self.sigma is not None:
             return np.broadcast_to(np.asarray(self.sigma, float), len(self.values))
-        return estimate_noise(self.values, self.groups, self.least)
+        return estimate_noise(self.values, least=self.least)
 
 
 def _as_rows(values: np.ndarray) -> np.ndarray:
@@ -350,21 +349,16 @@ class _Layout:
     def _rows(self, block: Residuals, roots: np.ndarray) -> scipy.sparse.csr_matrix:
         """Return the weighted rows (M R, size) of the Jacobian."""
         count, width = block.rows.shape
-        at = np.arange(count * width).reshape(count, width, 1)
-        parts: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
-        for slope in block.slopes:
-            columns = self._places[slope.name][slope.items][:, None]
-            entries = np.nan_to_num(slope.values) * roots[..., None]
-            filled = np.broadcast_to(columns >= 0, entries.shape) & (entries != 0)
-            parts.append(
-                (
-                    entries[filled],
-                    np.broadcast_to(at, entries.shape)[filled],
-                    np.broadcast_to(columns, entries.shape)[filled],
-                )
-            )
-        entries, rows, columns = (np.concatenate(block) for block in zip(*parts, strict=True))
-        return scipy.sparse.csr_matrix((entries, (rows, columns)), shape=(count * width, self.size))
+        places = [self._places[slope.name][slope.items] for slope in block.slopes]
+        values = np.concatenate([slope.values for slope in block.slopes], axis=2)
+        row, column, entries = np.broadcast_arrays(
+            np.arange(count * width).reshape(count, width, 1),
+            np.concatenate(places, axis=1)[:, None],
+            np.nan_to_num(values) * roots[..., None],
+        )
+        filled = (column >= 0) & (entries != 0)
+        at = row[filled], column[filled]
+        return scipy.sparse.csr_matrix((entries[filled], at), shape=(count * width, self.size))
 
 
 class _Factor:

@@ -47,12 +47,12 @@ def find_true_runs(mask: np.ndarray) -> list[slice]:
     return [slice(begin, end) for begin, end in edges.reshape(-1, 2)]
 
 
-def smooth_locally(values: np.ndarray, window: int, degree: int = 2) -> np.ndarray:
-    """Return values (F, ...) smoothed by polynomials of `degree` over an odd `window` of frames
-    (Savitzky & Golay 1964); those of the first and last windows reach to the ends.
+def smooth_locally(values: np.ndarray, window: int) -> np.ndarray:
+    """Return values (F, ...) smoothed by parabolas over an odd `window` of frames (Savitzky & Golay
+    1964); those of the first and last windows reach to the ends.
 
     As `scipy.signal.savgol_filter`, which takes a second to import."""
-    powers = np.vander(np.arange(window) - window // 2, degree + 1)
+    powers = np.vander(np.arange(window) - window // 2, 3)
     weights = powers @ np.linalg.pinv(powers)  # of the window's values in the polynomial's
     half = window // 2
     windows = np.lib.stride_tricks.sliding_window_view(values, window, axis=0)

@@ -75,8 +75,8 @@ class Manifest:
     whole: bool = True
 
     @classmethod
-    def read(cls, folder: Path) -> Manifest | None:
-        """Read the manifest of `folder`, None if there is none.
+    def read(cls, folder: Path) -> Manifest:
+        """Read the manifest of `folder`, an empty one if there is none.
 
         Raises InputError if it is another program's or cannot be read.
         """
@@ -85,9 +85,9 @@ class Manifest:
             with parsing(path, "a manifest"), open_input(path) as file:
                 lines = file.read(2**28).split(b"\n")
         except MissingFileError:
-            return None
+            return cls()
         if len(lines) == 1 and _HEAD.encode().startswith(lines[0]):  # left by a killed process
-            return None
+            return cls()
         if lines[0] != _HEAD.encode():
             raise InputError(f"{path}: not a manifest of psfs-apf; expected another output folder")
         return cls._parse([os.fsdecode(line) for line in lines[1:-1]])  # the last line may be cut
@@ -123,7 +123,7 @@ def _is_inside(name: str) -> bool:
 def find_unfinished_command(folder: Path) -> str | None:
     """Return the command that did not finish writing `folder`, None if all is complete."""
     manifest = Manifest.read(folder)
-    return manifest.command if manifest is not None and not manifest.whole else None
+    return None if manifest.whole else manifest.command
 
 
 class OutputFolder:
@@ -154,8 +154,8 @@ class OutputFolder:
         with _lock:
             name = os.path.relpath(path, self._real)
             if self._file is None and name != MANIFEST and os.path.lexists(path):
-                manifest = Manifest.read(self.folder)
-                if manifest is None or name not in manifest.files:  # before anything is removed
+                ours = Manifest.read(self.folder).files
+                if name not in ours:  # before anything is removed
                     raise _foreign_file_error(self.folder / name)
             self.begin()
             if name in self._names or name == MANIFEST:
@@ -192,8 +192,6 @@ class OutputFolder:
             self._owner.flush()
         except OSError as error:
             self.close()
-            if isinstance(error, InputError):
-                raise
             raise InputError(f"{self.folder}: cannot be written: {error.strerror}") from None
 
     def close(self) -> None:
@@ -233,9 +231,9 @@ class OutputFolder:
         taken for cameras.
         """
         manifest = Manifest.read(self.folder)
-        ours = manifest.files if manifest is not None else {}
+        ours = manifest.files
         self._check_footage(ours)
-        before = manifest.command if manifest is not None and not self._addition else ""
+        before = "" if self._addition else manifest.command
         if before and before != self.command:
             raise InputError(
                 f"{self.folder}: holds what `{before}` wrote, which this command would replace; "
@@ -263,12 +261,12 @@ class OutputFolder:
 
     def _begin(self) -> None:
         manifest = Manifest.read(self.folder)  # raises an error for another program's
-        before = manifest.files if manifest is not None else {}
+        before = manifest.files
         try:
             clear_leftovers(self._real)
             if self._addition:
                 self._file = (self._real / MANIFEST).open("ab")
-                if manifest is None:
+                if manifest == Manifest():
                     # left by a process that was killed while writing the head
                     self._file.truncate(0)
                     self._append(_HEAD)
@@ -394,13 +392,9 @@ def _find_owner(folder: Path) -> Path:
     """Return the folder whose manifest names files in `folder`: itself, or one of the two above it
     (seeds in the folders of people). Return `folder` if there is none."""
     for owner in (folder, *folder.parents[:2]):
-        manifest = None
         with contextlib.suppress(InputError):  # of another program
-            manifest = Manifest.read(owner)
-        if manifest is not None and any(
-            folder in (owner / name).parents for name in manifest.files
-        ):
-            return owner
+            if any(folder in (owner / name).parents for name in Manifest.read(owner).files):
+                return owner
     return folder
 
 
@@ -449,29 +443,22 @@ _MOST_REMEMBERED = 1000
 _LIST = "written.txt"
 
 
-@dataclass
-class _Guard:
-    """State of the running command. active: whether existing files are protected. overwrite: what
-    --overwrite says."""
-
-    active: bool = False
-    overwrite: bool = False
-
-
-_guard = _Guard()
+#: What --overwrite says; None unless existing files are protected.
+_overwrite: bool | None = None
 
 
 @contextlib.contextmanager
 def guard_files(overwrite: bool = False) -> Iterator[None]:
     """Protect existing files inside; a command within a command keeps the outer one's rule."""
-    if _guard.active:
+    global _overwrite
+    if _overwrite is not None:
         yield
         return
-    _guard.active, _guard.overwrite = True, overwrite
+    _overwrite = overwrite
     try:
         yield
     finally:
-        _guard.active, _guard.overwrite = False, False
+        _overwrite = None
 
 
 def check_file(path: Path, inputs: Iterable[Path] = ()) -> None:
@@ -490,7 +477,7 @@ def check_file(path: Path, inputs: Iterable[Path] = ()) -> None:
         return
     if not stat.S_ISREG(status.st_mode):
         raise InputError(f"{path}: exists and is no regular file; expected a name for a new file")
-    if not _guard.active or _guard.overwrite or _entry(real, status) in _read_list():
+    if _overwrite is not False or _entry(real, status) in _read_list():
         return
     raise InputError(
         f"{path}: exists and was not written by this program; expected a name for a new file, or "
@@ -500,7 +487,7 @@ def check_file(path: Path, inputs: Iterable[Path] = ()) -> None:
 
 def remember_file(path: Path) -> None:
     """List `path`, which a command has written, so that the next one may replace it."""
-    if not _guard.active:
+    if _overwrite is None:
         return
     with contextlib.suppress(OSError):  # then the next command asks for --overwrite
         real = Path(os.path.realpath(path))

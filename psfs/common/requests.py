@@ -439,7 +439,7 @@ def collect_flags(request: Request, tables: Collection[str] = ()) -> dict[str, A
 def write_settings(folder: Path, request: Request, tables: Collection[str] = ()) -> None:
     """Write the settings of a request into `folder`; tables: parts of which all are written."""
     parts = {
-        list_tables(type(request))[name]: _without_none(getattr(request, name).to_dict())
+        list_tables(type(request))[name]: getattr(request, name).model_dump(exclude_none=True)
         for name in tables
     }
     head = (
@@ -462,15 +462,6 @@ def list_tables(kind: type[Request]) -> dict[str, str]:
     """Return the parts of a request that are tables of --config, with the tables' names."""
     parts = {name: find_part(info) for name, info in kind.model_fields.items()}
     return {name: part.table for name, part in parts.items() if part and part.table}
-
-
-def _without_none(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the values, also in nested tables, without None, which TOML does not have."""
-    return {
-        name: _without_none(value) if isinstance(value, Mapping) else value
-        for name, value in values.items()
-        if value is not None
-    }
 
 
 def split_tables(content: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:

@@ -26,14 +26,14 @@ from psfs.diagnostics.frontier import (
     epipolar_residuals,
     find_frontier_points,
 )
-from psfs.diagnostics.hulls import HullRays
-from psfs.diagnostics.limbs import LimbViews
+from psfs.diagnostics.hulls import HullRays, find_person
+from psfs.diagnostics.limbs import LimbPoints, measure_limbs
 from psfs.diagnostics.refinement import (
     N_PARAMETERS,
     RigCorrections,
-    RigSpread,
     correct_cameras,
     fit_rig,
+    spread_rig,
 )
 from psfs.diagnostics.small_views import (
     LARGE_SIDE,
@@ -57,7 +57,7 @@ _BLOCK = 10
 #: Distances up to which points are matched, one per matching, px.
 _GATES = (16.0, 16.0, 8.0, 4.0)
 #: Errors of calibrated cameras: turned by up to 0.7 degrees, or exact.
-_SPREAD = RigSpread(turn=0.008, shift=0.01, focal=0.005, time=0.5)
+_SPREAD = spread_rig(turn=0.008, shift=0.01, focal=0.005, time=0.5)
 #: Most last matchings of all frames, which end when the times change by less, frames.
 _LAST, _SETTLED = 5, 0.005
 
@@ -164,9 +164,10 @@ class RigFit:
             return None
         after = self.measure(last.values)
         hulls = [HullRays(camera, [row[v] for row in outlines]) for v, camera in enumerate(small)]
-        views = LimbViews.create(hulls, self._contours)
+        axes, sights = measure_limbs(hulls, self._contours)
         for _ in range(_LAST):
-            limbs = views.find_points(last.apply(small).cameras, -last.offsets)
+            cameras = last.apply(small).cameras
+            limbs = LimbPoints(cameras, -last.offsets, axes, *find_person(cameras, sights))
             further = [limbs.bind(np.zeros(len(small)))]
             corrections = fit_rig(small, _GATES[-1:], self._find, _SPREAD, last.values, further)
             if corrections is None or np.isinf(after):

@@ -60,7 +60,7 @@ def find_rearranged(evidence: Evidence) -> Iterator[Fault]:
     """
     tangency = evidence.tangency
     before = tangency.unchanged
-    if len(evidence.sound) < 2 or not math.isfinite(before.cost):
+    if not math.isfinite(before.cost):
         return
     tried = [*_try_flips(evidence), *_try_conventions(evidence)]
     order = _find_order(evidence, before)
@@ -68,7 +68,7 @@ def find_rearranged(evidence: Evidence) -> Iterator[Fault]:
         tried.append(_describe_exchange(evidence.names, order, _compare_order(tangency, order)))
     elif not evidence.offsets.any():
         tried += _try_lenses(evidence)
-    alone = min((before.without(v) for v in evidence.sound), default=np.inf)
+    alone = min(before.without(v) for v in evidence.sound)
     fitting = [
         trial
         for trial in tried
@@ -215,7 +215,7 @@ def find_disagreeing(evidence: Evidence) -> Iterator[Fault]:
     none agree.
     """
     views = evidence.sound
-    while len(views) >= 2:
+    while True:
         agreement = evidence.agreement.measure(views)
         number, gains = find_outlier(agreement)
         most = len(evidence.names) // 3
@@ -224,8 +224,6 @@ def find_disagreeing(evidence: Evidence) -> Iterator[Fault]:
             break
         yield _accuse(evidence, views[number], agreement, number)
         views = [view for view in views if view != views[number]]
-    else:
-        return
     rows = agreement.own[np.isfinite(agreement.own).any(axis=1)]
     beside = np.nanmedian(rows, axis=1)
     misfit = evidence.tangency.unchanged.cost / CAP

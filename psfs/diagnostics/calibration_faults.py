@@ -42,15 +42,12 @@ def find_wrong_calibration(evidence: Evidence) -> Iterator[Fault]:
     yield from find_rig_faults(evidence.sequence.rig)
 
 
-def find_rig_faults(rig: CameraRig) -> list[Fault]:
-    """Return the faults that the cameras show without pictures."""
-    texts = {camera.name: _describe_lens(camera) for camera in rig}
-    faults = [
-        Fault("calibration", (name,), f"camera {name}: {text}")
-        for name, text in texts.items()
-        if text
-    ]
-    return [*faults, *_find_far_camera(rig)]
+def find_rig_faults(rig: CameraRig) -> Iterator[Fault]:
+    """Yield the faults that the cameras show without pictures."""
+    for camera in rig:
+        if text := _describe_lens(camera):
+            yield Fault("calibration", (camera.name,), f"camera {camera.name}: {text}")
+    yield from _find_far_camera(rig)
 
 
 def _describe_lens(camera: Camera) -> str:
@@ -79,21 +76,21 @@ def _describe_lens(camera: Camera) -> str:
     )
 
 
-def _find_far_camera(rig: CameraRig) -> list[Fault]:
-    """Return the one camera that is far from the others, if there is one."""
+def _find_far_camera(rig: CameraRig) -> Iterator[Fault]:
+    """Yield the one camera that is far from the others, if there is one."""
     if len(rig) < 4:
-        return []
+        return
     apart = np.linalg.norm(rig.centres[:, None] - rig.centres[None], axis=-1)
     view = int(apart.sum(0).argmax())
     others = np.delete(np.arange(len(rig)), view)
     extent, distance = float(apart[np.ix_(others, others)].max()), float(apart[view, others].min())
     if not distance > _FAR * extent > 0:
-        return []
+        return
     text = (
         f"camera {rig.names[view]} stands {distance:,.4g} m from the others, which stand within "
         f"{extent:.3g} m: its translation is in another unit, or its calibration of another world"
     )
-    return [Fault("calibration", (rig.names[view],), text)]
+    yield Fault("calibration", (rig.names[view],), text)
 
 
 def find_wrong_unit(evidence: Evidence) -> Iterator[Fault]:

@@ -152,13 +152,13 @@ class Examination:
 
     def check_sight(self) -> None:
         """Raise InputError if the pictures of all cameras but one, or of all, show nothing."""
-        blind = () if self.diagnosis is None else self.diagnosis.blind
-        n_cameras = 0 if self.diagnosis is None else len(self.diagnosis.views.rig)
-        n_blind = 0 if self.diagnosis is None else len(self.diagnosis.blind_cameras)
-        if blind and n_blind + 1 >= n_cameras:
+        if self.diagnosis is None or not self.diagnosis.blind:
+            return
+        n_cameras, n_blind = len(self.diagnosis.views.rig), len(self.diagnosis.blind_cameras)
+        if n_blind + 1 >= n_cameras:
             raise InputError(
                 f"{self.session.sequence.name}: {n_blind} of {n_cameras} cameras show nothing "
-                f"of a person, expected two or more that do; {blind[0]}"
+                f"of a person, expected two or more that do; {self.diagnosis.blind[0]}"
             )
 
     @property

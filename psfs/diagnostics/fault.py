@@ -100,7 +100,7 @@ class Evidence:
         """Offsets (V,), whole frames, of the cameras that are late or early for certain: not by
         chance, and by more than a frame at two standard deviations, for a shorter lag may be one
         of exposure."""
-        if len(self.sound) < 2 or not math.isfinite(self.tangency.size):
+        if not math.isfinite(self.tangency.size):
             return np.zeros(len(self.names), int)
         times = self.times
         sure = times.chances < FALSE_ALARMS

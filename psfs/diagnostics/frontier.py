@@ -47,13 +47,10 @@ class SilhouetteContours:
         self.at_border = np.concatenate([o.contour_at_border for _, o in numbered] or [np.zeros(0)])
         lengths = [len(o.contour) for _, o in numbered]
         self.frames = np.repeat([f for f, _ in numbered], lengths).astype(int)
-        # The closed contours with their ends repeated on either side, for filters along them.
-        self._padded, self._core, at = [np.zeros(0, int)], [np.zeros(0, int)], 0
-        for length in lengths:
-            self._padded.append(np.arange(-_SIDE, length + _SIDE) % length + at)
-            self._core.append(np.arange(length) + at + (2 * len(self._core) - 1) * _SIDE)
-            at += length
-        self.padded, self.core = np.concatenate(self._padded), np.concatenate(self._core)
+        self._begins = np.repeat(np.cumsum([0, *lengths])[:-1], lengths).astype(int)
+        self._lengths = np.repeat(lengths, lengths).astype(int)
+        every = np.arange(len(self.points))
+        self._before, self._after = self._go_along(every, -1), self._go_along(every, 1)
         self._rays: dict[bytes, np.ndarray] = {}  # shared by copies with shifted frames
 
     def trace(self, camera: Camera) -> np.ndarray:
@@ -66,13 +63,17 @@ class SilhouetteContours:
             self._rays[lens] = rays
         return self._rays[lens]
 
+    def _go_along(self, indices: np.ndarray, steps: np.ndarray | int) -> np.ndarray:
+        """Return the indices of the points some steps along the closed contours."""
+        begins = self._begins[indices]
+        return np.asarray((indices - begins + steps) % self._lengths[indices] + begins)
+
     def find_tips(self, positions: np.ndarray) -> np.ndarray:
         """Return the indices (K,) of the local maxima of `positions` (N,) along the contours."""
-        around = positions[self.padded]
-        left, right = around[self.core - 1], around[self.core + 1]
+        left, right = positions[self._before], positions[self._after]
         high = (positions >= left) & (positions >= right) & (positions > -np.inf)
         tips = np.nonzero(high & (self.at_border == 0))[0]
-        neighbours = around[self.core[tips, None] + np.arange(-_SIDE, _SIDE + 1)]
+        neighbours = positions[self._go_along(tips[:, None], np.arange(-_SIDE, _SIDE + 1))]
         ends = np.maximum(neighbours[:, 0], neighbours[:, -1])
         tips = tips[(positions[tips] == neighbours.max(axis=1)) & (positions[tips] > ends)]
         new = np.diff(tips, prepend=-9) > 2  # a plateau counts once

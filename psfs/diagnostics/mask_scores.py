@@ -6,8 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator
 from collections.abc import Sequence as Items
-from dataclasses import dataclass
-from pathlib import Path
+from dataclasses import dataclass, fields
 
 import cv2
 import numpy as np
@@ -34,10 +33,6 @@ CLOUD_DEFINITION = (
     "iou of the voxels within the cloud's surface with those that lie in every true mask, of those "
     "that all cameras with a true mask see"
 )
-
-
-#: The scores of a cloud.
-CLOUD_SCORES = ("iou", "ceiling", "ghosts", "volume")
 
 
 @dataclass(frozen=True)
@@ -72,7 +67,8 @@ def score_cloud(rig: CameraRig, cloud: VoxelCloud, truth: Items[np.ndarray | Non
 
 def mean_scores(scores: Items[CloudScore]) -> dict[str, float | None]:
     """Return the mean of each score over frames, None where it is unknown."""
-    means = {name: mean_known([getattr(score, name) for score in scores]) for name in CLOUD_SCORES}
+    names = [field.name for field in fields(CloudScore)]
+    means = {name: mean_known([getattr(score, name) for score in scores]) for name in names}
     return {name: None if np.isnan(mean) else mean for name, mean in means.items()}
 
 
@@ -161,29 +157,22 @@ def truth_frames(sequence: Sequence) -> list[int]:
     return sorted(numbers & set(range(len(sequence))))
 
 
-def true_mask(
-    folder: Path, camera: Camera, frame: int, shape: tuple[int, int]
-) -> np.ndarray | None:
-    """Return the true mask of a frame, (H, W) bool zero padded to `shape`; None if the file is
-    missing. Raises InputError if it is no picture of the camera's size."""
-    path = folder / TRUE_MASKS / f"{camera.name}_{frame:06d}.png"
-    if not path.exists():
-        return None
-    picture = read_picture(path, cv2.IMREAD_GRAYSCALE)
-    width, height = camera.size
-    if picture.shape != (height, width):
-        size = f"{picture.shape[1]} x {picture.shape[0]} px"
-        raise InputError(f"{path}: {size}; expected a mask of {width} x {height} px")
-    mask = np.zeros(shape, bool)
-    mask[:height, :width] = picture > 127
-    return mask
-
-
 def true_masks(sequence: Sequence, frame: int) -> list[np.ndarray | None]:
-    """Return the `true_mask` of each camera."""
-    rig = sequence.rig
-    shape = (rig.height, rig.width)
-    return [true_mask(sequence.folder, camera, frame, shape) for camera in rig]
+    """Return the true mask (H, W) bool of each camera, zero padded; None if the file is missing.
+    Raises InputError if it is no picture of the camera's size."""
+    masks: list[np.ndarray | None] = []
+    for camera in sequence.rig:
+        path = sequence.folder / TRUE_MASKS / f"{camera.name}_{frame:06d}.png"
+        mask, (width, height) = None, camera.size
+        if path.exists():
+            picture = read_picture(path, cv2.IMREAD_GRAYSCALE)
+            if picture.shape != (height, width):
+                size = f"{picture.shape[1]} x {picture.shape[0]} px"
+                raise InputError(f"{path}: {size}; expected a mask of {width} x {height} px")
+            mask = np.zeros((sequence.rig.height, sequence.rig.width), bool)
+            mask[:height, :width] = picture > 127
+        masks.append(mask)
+    return masks
 
 
 def score_silhouettes(session: Session, wanted: Collection[int]) -> Iterator[Silhouettes | None]:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from psfs.cameras.camera import CameraRig
-from psfs.diagnostics.small_views import Outline
+from psfs.diagnostics.small_views import Outline, find_reached_edges
 
 #: Share of the frames in which a camera should see somebody, and of these wholly; height of a
 #: person whose forearms are 4 px wide, px.
@@ -62,7 +62,8 @@ def find_person_in_views(
     persons = []
     for view, camera in enumerate(rig):
         traced = [outline for row in outlines if (outline := row[view]) is not None]
-        beyond = np.array([_find_edges(line, camera.size) for line in traced]).reshape(-1, 4)
+        reached = [find_reached_edges(line.contour, camera.size).any(axis=0) for line in traced]
+        beyond = np.array(reached).reshape(-1, 4)
         whole = ~beyond.any(axis=1)
         heights = [float(np.ptp(outline.points[:, 1])) + 1 for outline in traced]
         persons.append(
@@ -75,10 +76,3 @@ def find_person_in_views(
             )
         )
     return persons
-
-
-def _find_edges(outline: Outline, size: tuple[int, int]) -> np.ndarray:
-    """Return which edges of a picture of `size` an outline reaches (4,) bool: left, top, right,
-    bottom."""
-    points, last = outline.contour, np.array(size) - 2
-    return np.concatenate([(points <= 1).any(axis=0), (points >= last).any(axis=0)])

@@ -42,18 +42,13 @@ _HALF_SPEED = 1.0
 _LEAST_ROWS = 4
 
 
-@dataclass(frozen=True)
-class RigSpread:
-    """Standard deviations of the errors of cameras; what has none, 0, is held.
+def spread_rig(turn: float, shift: float, focal: float, time: float) -> np.ndarray:
+    """Return the standard deviations (8,) of the errors of cameras; what has none, 0, is held.
 
     turn: of the rotation about an axis, rad. shift: of the position along an axis, m. focal: of the
     logarithm of the focal length. time: of the offset, frames; larger ones are whole frames.
     """
-
-    turn: float
-    shift: float
-    focal: float
-    time: float
+    return np.array([*3 * [turn], *3 * [shift], focal, time])
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,20 +131,19 @@ class Further:
 
 
 def fit_rig(
-    rig: CameraRig, gates: Sequence[float], find: Find, spread: RigSpread,
+    rig: CameraRig, gates: Sequence[float], find: Find, spread: np.ndarray,
     start: np.ndarray | None = None, further: Sequence[Further] = (),
     group: Callable[[FrontierPoints], np.ndarray] | None = None,
 ) -> RigCorrections | None:  # fmt: skip
     """Return the corrections under which the points that `find` finds fit best.
 
     None if there are too few. gates: px, one per matching of points; with wider ones times are less
-    certain, so that the residuals of fast points count less. start: (V, 8), no corrections by
-    default. group: numbers (M,) of the groups of points whose noise is estimated apart.
+    certain, so that the residuals of fast points count less. spread: (8,), see `spread_rig`.
+    start: (V, 8), no corrections by default. group: numbers (M,) of the groups of points whose
+    noise is estimated apart.
     """
     values = np.zeros((len(rig), N_PARAMETERS)) if start is None else start
-    sizes = np.array([*3 * [spread.turn], *3 * [spread.shift], spread.focal, spread.time])
-    free = np.broadcast_to(sizes > 0, values.shape)
-    sizes[sizes == 0] = np.inf
+    free, sizes = np.broadcast_to(spread > 0, values.shape), np.where(spread > 0, spread, np.inf)
     held = measure_scene_motion(rig) / _HELD
     blocks = {name: block for more in further for name, block in more.start.items()}
     for gate in gates:

@@ -47,7 +47,7 @@ class Checker:
 
     def silhouettes(self, frame: Frame) -> np.ndarray:
         """Return (V, H, W) bool: the frame's silhouettes without speckle; parts cut by the volume
-        are whole, see `whole_silhouette`."""
+        are whole, see `whole_silhouettes`."""
         self._reconstruct(frame)
         evidence = self._reconstruct.evidence()
         self.known = evidence != UNKNOWN
@@ -77,16 +77,15 @@ def score_voxels(
 
 
 def whole_silhouettes(silhouettes: np.ndarray, region: np.ndarray) -> np.ndarray:
-    """Return the `whole_silhouette` (V, H, W) bool of each view."""
-    return np.stack([whole_silhouette(*pair) for pair in zip(silhouettes, region, strict=True)])
-
-
-def whole_silhouette(silhouette: np.ndarray, region: np.ndarray) -> np.ndarray:
-    """Return the silhouette (H, W) bool of what is in the volume, whose projection is `region`.
+    """Return the silhouettes (V, H, W) bool of what is in the volume, whose projection is `region`.
 
     Parts of which a share of at least `_MOSTLY` lies within `region` count whole, others only
     within it. Speckle is removed.
     """
+    return np.stack([_complete(*pair) for pair in zip(silhouettes, region, strict=True)])
+
+
+def _complete(silhouette: np.ndarray, region: np.ndarray) -> np.ndarray:
     rows, columns = bounding_box(silhouette) or (slice(0, 1), slice(0, 1))
     top, left = max(0, rows.start - 2), max(0, columns.start - 2)
     box = np.s_[top : rows.stop + 2, left : columns.stop + 2]  # with the rim that the filter sees

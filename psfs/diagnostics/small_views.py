@@ -33,8 +33,8 @@ _FRAMES, _PIXELS = (60, 200), 1.5e9
 #: Longest sides of the small pictures, and of the larger ones in which corrections and furniture
 #: are found, px.
 SMALL_SIDE, LARGE_SIDE = 320, 640
-#: Largest change of a grey level by a codec.
-_CODEC = 8
+#: Largest change of a grey level by a codec; least area of a silhouette, px.
+_CODEC, _LEAST_AREA = 8, 40
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,9 +167,9 @@ def _select_frames(sequence: Sequence) -> range:
     return range(first, min(first + count, len(sequence)))
 
 
-def extract_outline(mask: np.ndarray, least: int = 40) -> Outline | None:
+def extract_outline(mask: np.ndarray) -> Outline | None:
     """Return the outline of a silhouette (h, w) bool after a 3x3 median; None if its largest part
-    has fewer pixels than `least`."""
+    has fewer than 40 pixels."""
     smooth = cv2.medianBlur(mask.astype(np.uint8), 3)
     x, y, width, height = cv2.boundingRect(smooth)
     if not width:
@@ -178,7 +178,7 @@ def extract_outline(mask: np.ndarray, least: int = 40) -> Outline | None:
         smooth[y : y + height, x : x + width], connectivity=8
     )
     areas = facts[1:count, cv2.CC_STAT_AREA]
-    if not len(areas) or areas.max() < least:
+    if not len(areas) or areas.max() < _LEAST_AREA:
         return None
     largest = 1 + int(areas.argmax())
     region = (labels == largest).view(np.uint8)
@@ -191,14 +191,14 @@ def extract_outline(mask: np.ndarray, least: int = 40) -> Outline | None:
 
 
 def mark_hidden_points(
-    outlines: list[list[Outline | None]], rig: CameraRig, small: CameraRig, near: int = 4
+    outlines: list[list[Outline | None]], rig: CameraRig, small: CameraRig
 ) -> list[list[Outline | None]]:
-    """Return the outlines [frame][view] in the pictures of `small` with the points within `near` px
+    """Return the outlines [frame][view] in the pictures of `small` with the points within 4 px
     of the hidden pixels of `rig` marked as points on the picture's border, since the person goes on
     behind furniture."""
     if rig.hidden is None:
         return outlines
-    square, wide = np.ones((2 * near + 1,) * 2, np.uint8), []
+    square, wide = np.ones((9, 9), np.uint8), []
     for hidden, camera, other in zip(rig.hidden, rig, small, strict=True):
         whole = hidden[: camera.size[1], : camera.size[0]].view(np.uint8)  # padded, if smaller
         wide.append(cv2.dilate(cv2.resize(whole, other.size), square) > 0)
@@ -218,8 +218,13 @@ def mark_hidden_points(
 
 def find_border_points(points: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
     """Return which points (N, 2) px are at the border of a picture of `shape`."""
-    last = np.array(shape[::-1]) - 2
-    return np.asarray(((points <= 1) | (points >= last)).any(axis=1))
+    return np.asarray(find_reached_edges(points, shape[::-1]).any(axis=1))
+
+
+def find_reached_edges(points: np.ndarray, size: tuple[int, ...]) -> np.ndarray:
+    """Return which edges (N, 4) of a picture of `size` points (N, 2) px are at: left, top, right,
+    bottom."""
+    return np.concatenate([points <= 1, points >= np.array(size) - 2], axis=1)
 
 
 class Shrink:

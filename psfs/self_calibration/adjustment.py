@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import dataclass
+from functools import partial
 from itertools import combinations
 
 import cv2
@@ -27,7 +28,7 @@ from psfs.diagnostics.frontier import (
     join_points,
 )
 from psfs.diagnostics.hulls import HullRays
-from psfs.diagnostics.refinement import Further, RigCorrections, RigSpread, correct_camera, fit_rig
+from psfs.diagnostics.refinement import Further, RigCorrections, correct_camera, fit_rig, spread_rig
 from psfs.diagnostics.small_views import Outline
 from psfs.self_calibration.config import PersonConfig
 from psfs.self_calibration.upright import FEWEST
@@ -45,20 +46,23 @@ _SAME_TURN, _SAME_LAG = 0.14, 4.0
 _PASSES, _SETTLED, _FURTHER = 8, 0.1, 5.0
 #: Find points in the cameras' pictures of shifted frames that agree to a number of pixels.
 Find = Callable[[Sequence[Camera], np.ndarray, float], FrontierPoints]
-#: Return `further` and `group` of `fit_rig` for shifts (V,) of cameras' frames.
-MeasureShifted = Callable[
-    [np.ndarray], tuple[Sequence[Further], Callable[[FrontierPoints], np.ndarray]]
-]
+#: Return `further` of `fit_rig` for shifts (V,) of cameras' frames.
+MeasureShifted = Callable[[np.ndarray], Sequence[Further]]
 
 
 @dataclass(frozen=True, eq=False)
 class Adjusted:
     """An adjusted rig. lags: (V,) frame t of the first camera shows the time of frame t + lags[v]
-    of camera v. last: the corrections of the last step, if there was one."""
+    of camera v. last: the corrections of the last step."""
 
     rig: CameraRig
     lags: np.ndarray
-    last: RigCorrections | None
+    last: RigCorrections
+
+    @property
+    def shifts(self) -> np.ndarray:
+        """The lags (V,) in whole frames."""
+        return np.round(self.lags).astype(int)
 
 
 class PersonPoints:
@@ -70,9 +74,10 @@ class PersonPoints:
     ) -> None:  # fmt: skip
         self.config = config
         #: Steps of the cameras; lenses are kept unless only an angle of view is stated.
-        self.spread = RigSpread(turn=0.1, shift=0.3, focal=0.3 * config.focal, time=5.0)
+        self.spread = spread_rig(turn=0.1, shift=0.3, focal=0.3 * config.focal, time=5.0)
         self.hulls = [HullRays(c, lines) for c, lines in zip(cameras, outlines, strict=True)]
         self.contours = [SilhouetteContours(lines) for lines in outlines]
+        self._waists = [_find_waists(contours) for contours in self.contours]
         self.counts = [len(lines) for lines in outlines]
         self.shortest = min(self.counts)
         #: In how many pictures each camera shows the whole person.
@@ -83,6 +88,7 @@ class PersonPoints:
         chosen = copy(self)
         chosen.hulls = [self.hulls[view] for view in views]
         chosen.contours = [self.contours[view] for view in views]
+        chosen._waists = [self._waists[view] for view in views]
         return chosen
 
     def find_extremes(
@@ -119,6 +125,24 @@ class PersonPoints:
         tips = find_frontier_points(cameras, moved, scene, gate)
         return join_points([outermost.select(fitting), tips])
 
+    def group(self, points: FrontierPoints, shifts: np.ndarray) -> np.ndarray:
+        """Return numbers (M,) of frontier points of shifted frames: apart by pair of cameras, and
+        the person's upper and lower half, for shadows of the floor spoil the feet."""
+        first, second = points.views.T
+        low = np.zeros(len(points), int)
+        for view, rows in enumerate(self._waists):
+            mine = first == view
+            low[mine] = points.pixels[mine, 0, 1] > rows[points.frames[mine] + int(shifts[view])]
+        return 2 * (first * len(self._waists) + second) + low
+
+
+def _find_waists(contours: SilhouetteContours) -> np.ndarray:
+    """Return the rows (F,) px halfway between top and bottom of the contours."""
+    low, high = np.full((2, int(contours.frames.max(initial=-1)) + 1), np.nan)
+    np.fmin.at(low, contours.frames, contours.points[:, 1])
+    np.fmax.at(high, contours.frames, contours.points[:, 1])
+    return 0.5 * (low + high)
+
 
 def _match_extremes(
     pair: tuple[int, int],
@@ -148,8 +172,8 @@ def adjust_extremes(
 ) -> Adjusted | None:
     """Adjust the rig to the outermost planes; None if there are too few."""
     return adjust_rounds(
-        rig, lags, lambda cameras, shifts, gate: points.find_extremes(cameras, shifts, every),
-        points.spread, [_GATE] * rounds,
+        rig, lags, points, [_GATE] * rounds,
+        lambda cameras, shifts, gate: points.find_extremes(cameras, shifts, every),
     )  # fmt: skip
 
 
@@ -160,8 +184,7 @@ def adjust_frontier(
     """Adjust the rig to all frontier points, matched again within gates from the `widest`, px, to
     the last; None if there are too few."""
     gates = np.geomspace(widest, LAST_GATE, round(widest / 2))
-    spread = points.spread
-    return adjust_rounds(start.rig, start.lags, points.find_all, spread, list(gates), further)
+    return adjust_rounds(start.rig, start.lags, points, list(gates), points.find_all, further)
 
 
 def measure_turn(first: Sequence[Camera], second: Sequence[Camera]) -> float:
@@ -178,29 +201,25 @@ def differ(first: Adjusted, second: Adjusted) -> bool:
 
 
 def adjust_rounds(
-    rig: CameraRig, lags: np.ndarray, find: Find, spread: RigSpread, gates: Sequence[float],
+    rig: CameraRig, lags: np.ndarray, person: PersonPoints, gates: Sequence[float], find: Find,
     further: MeasureShifted | None = None,
 ) -> Adjusted | None:  # fmt: skip
     """Adjust the rig to what `find` finds, in a round per gate; None if there are too few points.
 
-    further: further measurements.
+    further: further measurements; with these the noise of the person's parts is estimated apart.
     """
     corrections = None
     for gate in gates:
         shifts = np.round(lags).astype(int)
-
-        def search(
-            cameras: Sequence[Camera], gate: float, _: np.ndarray, shifts: np.ndarray = shifts
-        ) -> FrontierPoints:
-            return find(cameras, shifts, gate)
-
-        more, group = ((), None) if further is None else further(shifts)
+        search = partial(_find_shifted, find, shifts)
+        more = () if further is None else further(shifts)
+        group = None if further is None else partial(person.group, shifts=shifts)
         start = np.zeros((len(rig), 8))
         start[:, 7] = shifts - lags
         # Cameras without common points have no variances; they are refused later.
         with np.errstate(all="ignore"):
             try:
-                corrections = fit_rig(rig, [gate], search, spread, start, more, group)
+                corrections = fit_rig(rig, [gate], search, person.spread, start, more, group)
                 if corrections is None:
                     return None
                 rig, lags = corrections.apply(rig), shifts - corrections.offsets
@@ -210,44 +229,48 @@ def adjust_rounds(
     return None if corrections is None else Adjusted(rig, lags, corrections)
 
 
+def _find_shifted(
+    find: Find, shifts: np.ndarray, cameras: Sequence[Camera], gate: float, _: np.ndarray
+) -> FrontierPoints:
+    return find(cameras, shifts, gate)
+
+
 def measure_misfit(adjusted: Adjusted, points: PersonPoints, every: int = 1) -> float:
     """Return the mean distance, px, of the outermost points from the epipolar lines. Each point
     that is missing, because lags leave out its frame, counts with half the largest distance."""
-    shifts = np.round(adjusted.lags).astype(int)
-    outermost = points.find_extremes(adjusted.rig.cameras, shifts, every)
+    outermost, residuals = _measure_extremes(adjusted, points, every)
     n = len(adjusted.rig)
     wanted = 0.5 * n * (n - 1) * points.shortest / every
-    residuals, _ = epipolar_residuals(adjusted.rig.cameras, outermost, shifts - adjusted.lags)
     total = np.minimum(np.abs(residuals), FARTHEST).sum()
     total += 0.5 * FARTHEST * max(0.0, wanted - len(outermost))
     return float(total / max(wanted, len(outermost), 1))
 
 
-def measure_pairs(adjusted: Adjusted, points: PersonPoints) -> np.ndarray:
-    """Return by how much the silhouettes of every two cameras (V, V) differ, px.
+def _measure_extremes(
+    adjusted: Adjusted, points: PersonPoints, every: int = 1
+) -> tuple[FrontierPoints, np.ndarray]:
+    """Return the outermost points and their residuals (M,), px."""
+    cameras, shifts = adjusted.rig.cameras, adjusted.shifts
+    outermost = points.find_extremes(cameras, shifts, every)
+    return outermost, epipolar_residuals(cameras, outermost, shifts - adjusted.lags)[0]
 
-    That is the median distance of their outermost points from the epipolar lines, of all of them,
-    whether they agree or not; NaN if they share too few.
+
+def measure_misfits(adjusted: Adjusted, points: PersonPoints) -> np.ndarray:
+    """Return by how much the silhouettes of each camera (V,) differ from those of the others, px.
+
+    Of every two cameras that is the median distance of their outermost points from the epipolar
+    lines, of all of them, whether they agree or not, and of a camera the median of its pairs, which
+    a shadow that two cameras see alike does not move. Infinity with fewer than two pairs that share
+    enough: one alone does not tell how far away a camera is.
     """
-    cameras, shifts = adjusted.rig.cameras, np.round(adjusted.lags).astype(int)
-    outermost = points.find_extremes(cameras, shifts)
-    residuals, _ = epipolar_residuals(cameras, outermost, shifts - adjusted.lags)
-    medians = np.full((len(cameras), len(cameras)), np.nan)
-    for a, b in combinations(range(len(cameras)), 2):
-        pair_residuals = np.abs(residuals[(outermost.views == (a, b)).all(axis=1)])
-        if len(pair_residuals) >= FEWEST:
-            medians[a, b] = medians[b, a] = np.median(pair_residuals)
-    return medians
-
-
-def summarise_pairs(pairs: np.ndarray) -> np.ndarray:
-    """Return by how much the silhouettes of each camera (V,) differ from those of the others, px:
-    the median of its `pairs` (V, V), which a shadow that two cameras see alike does not move.
-
-    Infinity with fewer than two pairs: one alone does not tell how far away a camera is.
-    """
-    known = [errors[np.isfinite(errors)] for errors in pairs]
-    return np.array([np.median(errors) if len(errors) >= 2 else np.inf for errors in known])
+    outermost, residuals = _measure_extremes(adjusted, points)
+    of_cameras: list[list[float]] = [[] for _ in adjusted.rig]
+    for pair in combinations(range(len(of_cameras)), 2):
+        errors = np.abs(residuals[(outermost.views == pair).all(axis=1)])
+        if len(errors) >= FEWEST:
+            for view in pair:
+                of_cameras[view].append(float(np.median(errors)))
+    return np.array([np.median(of) if len(of) >= 2 else np.inf for of in of_cameras])
 
 
 def refine_until_converged(
@@ -263,14 +286,14 @@ def refine_until_converged(
     before = start
     for _ in range(_PASSES):
         after = adjust_frontier(before, points, 4.0, None if prepare is None else prepare(before))
-        if after is None or after.last is None:
+        if after is None:
             break
         turn = measure_turn(before.rig.cameras, after.rig.cameras)
         if turn < _SETTLED * after.last.sigmas[:, :3].min():
             return after
         ahead = adjust_frontier(_go_on(before, after), points, 8.0) if far else None
         before = after
-        if ahead is not None and ahead.last is not None and ahead.last.count > after.last.count:
+        if ahead is not None and ahead.last.count > after.last.count:
             before = ahead
     return before
 

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import partial
 from itertools import combinations
 
 import numpy as np
@@ -19,9 +18,9 @@ import numpy as np
 from cl import InputError
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.common.progress import Track, map_in_threads, track_silently
-from psfs.diagnostics.frontier import FrontierPoints, SilhouetteContours
-from psfs.diagnostics.limbs import LimbPoints, LimbViews
-from psfs.diagnostics.refinement import Further
+from psfs.diagnostics.frontier import FrontierPoints
+from psfs.diagnostics.hulls import find_person
+from psfs.diagnostics.limbs import LimbPoints, measure_limbs
 from psfs.self_calibration.adjustment import (
     FIRST,
     LAST_GATE,
@@ -33,6 +32,7 @@ from psfs.self_calibration.adjustment import (
     adjust_frontier,
     differ,
     measure_misfit,
+    measure_misfits,
     refine_until_converged,
 )
 from psfs.self_calibration.checks import (
@@ -41,15 +41,12 @@ from psfs.self_calibration.checks import (
     check_uncertainty,
     fits_as_well,
     measure_uncertainty,
-    measure_worst_misfit,
 )
 from psfs.self_calibration.config import PersonConfig
 from psfs.self_calibration.room_edges import find_room_edges
 from psfs.self_calibration.search import (
-    N_ANGLES,
     Arrangement,
     ArrangementSearch,
-    Walker,
     compare_pair,
     place_cameras,
 )
@@ -71,7 +68,7 @@ class PersonCalibration:
 
     rig: small cameras, metres, Z up. lags: (V,) frames: frame t of the first camera shows the time
     of frame t + lags[v] of camera v. residual: median distance of the frontier points that agree
-    from the epipolar lines, px. count: of these points. misfits: (V,) px, see `summarise_pairs`.
+    from the epipolar lines, px. count: of these points. misfits: (V,) px, see `measure_misfits`.
     path: standard deviation of the person's places along the main direction of the walk, m.
     levelled: whether up is that of the room's vertical edges; else it is that of the person.
     turns, shifts: (V,) standard deviations of directions, rad, and of positions, as shares of the
@@ -145,12 +142,12 @@ def _find_rig(take: PersonTake, rate: float, config: PersonConfig, track: Track)
     candidates = [rig for rig in first if rig is not None]
     if not candidates:
         return None
-    if measure_worst_misfit(candidates[0], take.points) > _SURE:
+    if measure_misfits(candidates[0], take.points).max() > _SURE:
         candidates = [
             refine_until_converged(rig, take.points, far=True)
             for rig in track(candidates, len(candidates), "best rigs")
         ]
-        candidates.sort(key=lambda rig: measure_worst_misfit(rig, take.points))
+        candidates.sort(key=lambda rig: measure_misfits(rig, take.points).max())
     best = _refine_finely(candidates[0], take.points, take.edges, take.find_up)
     for rival in [other for other in candidates[1:] if differ(other, best)][:1]:
         if fits_as_well(rival, best, take.points, rate):
@@ -169,8 +166,7 @@ def choose_core(points: PersonPoints) -> list[int]:
 
 def _search(take: PersonTake, core: Sequence[int], track: Track) -> ArrangementSearch:
     """Return the search among the costs of the cameras' pairs."""
-    walkers = [Walker.create(*pair) for pair in zip(take.views, take.hulls, strict=True)]
-    angles, count = _angles(range(N_ANGLES)), len(take.cameras)
+    count = len(take.cameras)
     pairs = [
         pair
         for pair in combinations(range(count), 2)
@@ -178,14 +174,10 @@ def _search(take: PersonTake, core: Sequence[int], track: Track) -> ArrangementS
     ]
 
     def compare(pair: tuple[int, int]) -> np.ndarray:
-        return compare_pair(walkers[pair[0]], walkers[pair[1]], angles, take.most)
+        return compare_pair(take.views[pair[0]], take.views[pair[1]], take.most)
 
     costs_of_pairs = track(map_in_threads(compare, pairs), len(pairs), "pairs of cameras")
     return ArrangementSearch(dict(zip(pairs, costs_of_pairs, strict=True)), count)
-
-
-def _angles(steps: Sequence[int]) -> np.ndarray:
-    return 2 * np.pi * np.asarray(steps) / N_ANGLES
 
 
 def _rank_starts(
@@ -204,11 +196,10 @@ def _rank_starts(
     ) -> list[tuple[Adjusted, Arrangement]]:
         best = []
         for tried in track(arrangements, len(arrangements), name):
-            stature, lags = take.points.config.stature, np.array(tried.lags, float)
-            angles = _angles(tried.angles)
-            rig = place_cameras(take.cameras, take.views, angles, tried.lags, stature)
+            rig = place_cameras(take.cameras, take.views, tried, points.config.stature)
             placed = CameraRig(tuple(rig[view] for view in views))
-            adjusted = adjust_extremes(placed, step * lags[[*views]], points, FIRST, step)
+            lags = step * np.array([tried[view][1] for view in views], float)
+            adjusted = adjust_extremes(placed, lags, points, FIRST, step)
             best += [] if adjusted is None else [(adjusted, tried)]
         best.sort(key=lambda entry: measure_misfit(entry[0], points, step))
         others = [entry for entry in best[_FINALISTS:] if differ(entry[0], best[0][0])]
@@ -233,11 +224,12 @@ def _make_calibration(
     best, misfits = check_fit(best, points)
     turns, moves = measure_uncertainty(best, points, rate)
     check_uncertainty(best, turns, moves, points)
-    touched = points.find_all(best.rig.cameras, np.round(best.lags).astype(int), LAST_GATE)
+    touched = points.find_all(best.rig.cameras, best.shifts, LAST_GATE)
     rig, levelled = align(best, touched)
-    residual, count = (best.last.residual, best.last.count) if best.last else (np.nan, 0)
     path = measure_path(rig, touched)
-    return PersonCalibration(rig, best.lags, residual, count, misfits, path, levelled, turns, moves)
+    return PersonCalibration(
+        rig, best.lags, best.last.residual, best.last.count, misfits, path, levelled, turns, moves
+    )
 
 
 def _refine_finely(
@@ -246,42 +238,17 @@ def _refine_finely(
 ) -> Adjusted:  # fmt: skip
     """Adjust a rig to frontier points and the room's edges until it stays, then to points on limbs'
     axes, too. find_up: tells the person's up (3,)."""
-    views = LimbViews.create(points.hulls, points.contours)
-    waists = [_find_waists(contours) for contours in points.contours]
+    axes, sights = measure_limbs(points.hulls, points.contours)
 
-    def prepare(adjusted: Adjusted, limbs: LimbPoints | None = None) -> MeasureShifted:
+    def prepare(adjusted: Adjusted) -> MeasureShifted:
         room = find_room_edges(adjusted.rig, edges, find_up(adjusted.rig))
-
-        def measure(
-            shifts: np.ndarray,
-        ) -> tuple[list[Further], Callable[[FrontierPoints], np.ndarray]]:
-            further = [] if room is None else [room.bind()]
-            further += [] if limbs is None else [limbs.bind(shifts)]
-            return further, partial(_group, waists=waists, shifts=shifts)
-
-        return measure
+        further = [] if room is None else [room.bind()]
+        return lambda shifts: further
 
     def prepare_limbs(adjusted: Adjusted) -> MeasureShifted:
-        return prepare(adjusted, views.find_points(adjusted.rig.cameras, adjusted.lags))
+        room, cameras = prepare(adjusted), adjusted.rig.cameras
+        limbs = LimbPoints(cameras, adjusted.lags, axes, *find_person(cameras, sights))
+        return lambda shifts: [*room(shifts), limbs.bind(shifts)]
 
     adjusted = refine_until_converged(start, points, prepare)
     return refine_until_converged(adjusted, points, prepare_limbs)
-
-
-def _find_waists(contours: SilhouetteContours) -> np.ndarray:
-    """Return the rows (F,) px halfway between top and bottom of the contours."""
-    low, high = np.full((2, int(contours.frames.max(initial=-1)) + 1), np.nan)
-    np.fmin.at(low, contours.frames, contours.points[:, 1])
-    np.fmax.at(high, contours.frames, contours.points[:, 1])
-    return 0.5 * (low + high)
-
-
-def _group(points: FrontierPoints, waists: Sequence[np.ndarray], shifts: np.ndarray) -> np.ndarray:
-    """Return numbers (M,) of frontier points of shifted frames: apart by pair of cameras, and the
-    person's upper and lower half, for shadows of the floor spoil the feet."""
-    first, second = points.views.T
-    low = np.zeros(len(points), int)
-    for view, rows in enumerate(waists):
-        mine = first == view
-        low[mine] = points.pixels[mine, 0, 1] > rows[points.frames[mine] + int(shifts[view])]
-    return 2 * (first * len(waists) + second) + low

@@ -21,9 +21,8 @@ from psfs.self_calibration.adjustment import (
     Adjusted,
     PersonPoints,
     differ,
-    measure_pairs,
+    measure_misfits,
     measure_turn,
-    summarise_pairs,
 )
 from psfs.self_calibration.take import FILM
 
@@ -35,7 +34,7 @@ def fits_as_well(rival: Adjusted, best: Adjusted, points: PersonPoints, rate: fl
     Misfits below the contours' noise are alike. rate: frames per second.
     """
     median = scipy.special.ndtri(0.75)  # of the size of normal noise
-    misfits, others = (summarise_pairs(measure_pairs(a, points)) / median for a in (best, rival))
+    misfits, others = (measure_misfits(a, points) / median for a in (best, rival))
     count = 2 * (len(best.rig) - 1) * points.shortest / (rate * STEP_SECONDS)
     limit = np.sqrt(scipy.special.fdtri(count, count, 1 - FALSE_ALARMS))
     return not (others > limit * np.maximum(misfits, NOISE)).any()
@@ -45,7 +44,7 @@ def check_unambiguous(best: Adjusted, rival: Adjusted, points: PersonPoints, rat
     """Raise InputError if another arrangement fits as well as the best, see `fits_as_well`."""
     if not differ(rival, best) or not fits_as_well(rival, best, points, rate):
         return
-    misfits, others = (summarise_pairs(measure_pairs(a, points)) for a in (best, rival))
+    misfits, others = (measure_misfits(a, points) for a in (best, rival))
     late = float(np.abs(rival.lags - best.lags).max())
     turn = np.degrees(measure_turn(best.rig.cameras, rival.rig.cameras))
     raise InputError(
@@ -58,12 +57,6 @@ def check_unambiguous(best: Adjusted, rival: Adjusted, points: PersonPoints, rat
 
 def list_lags(cameras: Iterable[Camera], lags: np.ndarray) -> str:
     return ", ".join(f"{camera.name} {lag:+.2f}" for camera, lag in zip(cameras, lags, strict=True))
-
-
-def measure_worst_misfit(adjusted: Adjusted, points: PersonPoints) -> float:
-    """Return by how much the silhouettes of the worst camera and of the others differ, px."""
-    misfits = summarise_pairs(measure_pairs(adjusted, points))
-    return float(np.nan_to_num(misfits, nan=np.inf).max())
 
 
 def advise(names: Sequence[str], points: PersonPoints) -> str:
@@ -80,7 +73,7 @@ def check_fit(best: Adjusted | None, points: PersonPoints) -> tuple[Adjusted, np
     if best is None:
         raise InputError(f"no arrangement of the cameras fits the silhouettes; {FILM}")
     advice = advise(best.rig.names, points)
-    misfits = summarise_pairs(measure_pairs(best, points))
+    misfits = measure_misfits(best, points)
     worst = int(np.argmax(misfits))
     if not np.isfinite(misfits[worst]):
         raise InputError(
@@ -108,7 +101,7 @@ def measure_uncertainty(
     2011). The room's edges and limbs, which are not counted, tell more: errors are
     0.4 to 0.7 of it. rate: frames per second.
     """
-    cameras, shifts = adjusted.rig.cameras, np.round(adjusted.lags).astype(int)
+    cameras, shifts = adjusted.rig.cameras, adjusted.shifts
     touched = points.find_all(cameras, shifts, FARTHEST)  # with what is wrong alike
     residuals, slopes = epipolar_residuals(cameras, touched, shifts - adjusted.lags)
     size, rows = len(cameras) * N_PARAMETERS, np.arange(len(touched))
@@ -118,8 +111,9 @@ def measure_uncertainty(
     jacobian = by_camera.reshape(-1, size)
     noise = estimate_noise(residuals, least=NOISE)
     weights = robust_weights(residuals, noise) / noise**2
-    allowed, held = points.spread, measure_scene_motion(adjusted.rig) / 1e-3
-    spread = np.tile([*3 * [allowed.turn], *3 * [allowed.shift], 1e-4, allowed.time], len(cameras))
+    allowed, held = points.spread.copy(), measure_scene_motion(adjusted.rig) / 1e-3
+    allowed[6] = 1e-4
+    spread = np.tile(allowed, len(cameras))
     normal = (jacobian.T * weights) @ jacobian + np.diag(spread**-2.0) + held.T @ held
     inverse = np.linalg.inv(normal)
     pulls = (weights * residuals)[:, None] * jacobian

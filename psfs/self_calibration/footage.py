@@ -38,8 +38,19 @@ def extract_outlines(
 ) -> Iterator[Outline | None]:  # fmt: skip
     """Yield the outline of the person in each of a camera's first pictures. empty: its empty scene,
     see `estimate_empty_scene`. factor: by which the pictures are scaled, at most 1."""
-    for mask in _silhouettes(footage, view, empty, factor, device, config.most_frames):
-        yield outline_person(mask)
+    if footage.masks is not None:
+        masks = footage.masks[view]
+        for mask in masks.frames(range(min(config.most_frames, masks.count))):
+            yield outline_person(scale_picture(mask.max(axis=-1), factor) > 127)
+        return
+    assert footage.images is not None
+    media = footage.images[view]
+    shrink = Shrink(CameraRig((footage.rig[view],)), factor)
+    evidence_of = make_evidence_function(
+        device, shrink.small, shrink.background(empty), SILHOUETTES
+    )
+    for index, picture in enumerate(media.frames(range(min(config.most_frames, media.count)))):
+        yield outline_person(evidence_of(shrink.frame(Frame(index, picture[None], None)))[0] > 0)
 
 
 def find_empty_edges(empty: Background | None, factor: float) -> np.ndarray:
@@ -49,27 +60,6 @@ def find_empty_edges(empty: Background | None, factor: float) -> np.ndarray:
         return np.zeros((0, 2, 2))
     picture = np.rint(empty.mean[0]).astype(np.uint8)
     return find_edges(scale_picture(picture, factor))
-
-
-def _silhouettes(
-    footage: Footage, view: int, empty: Background | None, factor: float,
-    device: Device | NumpyDevice, most: int,
-) -> Iterator[np.ndarray]:  # fmt: skip
-    """Yield the silhouettes (h, w) bool of a camera."""
-    if footage.masks is not None:
-        masks = footage.masks[view]
-        for mask in masks.frames(range(min(most, masks.count))):
-            grey = mask.max(axis=-1)
-            yield scale_picture(grey, factor) > 127
-        return
-    assert footage.images is not None
-    media = footage.images[view]
-    rig = CameraRig((footage.rig[view],))
-    shrink = Shrink(rig, factor)
-    background = shrink.background(empty)
-    evidence_of = make_evidence_function(device, shrink.small, background, SILHOUETTES)
-    for index, picture in enumerate(media.frames(range(min(most, media.count)))):
-        yield evidence_of(shrink.frame(Frame(index, picture[None], None)))[0] > 0
 
 
 def estimate_empty_scene(footage: Footage, view: int) -> Background | None:

@@ -10,14 +10,13 @@ only. A beam search combines the costs of all pairs.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import scipy
 
 from psfs.cameras.camera import Camera, CameraRig
-from psfs.diagnostics.hulls import HullRays
 from psfs.diagnostics.tangency import NEAREST
 from psfs.footage.camera_times import LEAST_OVERLAP, known_medians
 from psfs.self_calibration.upright import FEWEST, UprightView
@@ -26,44 +25,28 @@ from psfs.self_calibration.upright import FEWEST, UprightView
 _PLACES, _PLANES = 0.1, 0.006
 #: Shortest line between two cameras, and the height of the person's middle, statures.
 _SHORTEST, _MIDDLE = 0.2, 0.55
-#: Number of angles around the vertical that are tried.
-N_ANGLES = 36
+#: Angles around the vertical that are tried, rad, and lags with one translation.
+_ANGLES, _STRIDE = 2 * np.pi * np.arange(36) / 36, 5
 #: Partial arrangements that are kept, places that are tried of each camera, and steps of angle and
 #: lag up to which arrangements are the same.
 _KEPT, _BEST_PLACES, _SAME = 80, 12, 2
 
 
-@dataclass(frozen=True, eq=False)
-class Walker:
-    """The person in one camera: the upright view, and the hulls with their rays (N, 3) in the
-    floor's axes."""
-
-    view: UprightView
-    hulls: HullRays
-    rays: np.ndarray
-
-    @classmethod
-    def create(cls, view: UprightView, hulls: HullRays) -> Walker:
-        return cls(view, hulls, hulls.rays @ view.axes.T)
-
-
-def compare_pair(
-    first: Walker, second: Walker, angles: np.ndarray, most: int, stride: int = 5
-) -> np.ndarray:  # fmt: skip
-    """Return the costs (A, 2 most + 1) of two cameras at all angles (A,), rad, and lags.
+def compare_pair(first: UprightView, second: UprightView, most: int) -> np.ndarray:
+    """Return the costs (A, 2 most + 1) of two cameras at all angles and lags.
 
     At an angle the second camera's axes are turned by it, counter-clockwise from above. At lag l,
     frame t of the first shows the time of frame t + l of the second. NaN where they cannot be
-    compared. The translation is the same for `stride` consecutive lags.
+    compared. The translation is the same for `_STRIDE` consecutive lags.
     """
-    costs = np.full((len(angles), 2 * most + 1), np.nan)
-    a, b = first.view.places, second.view.places
+    costs = np.full((len(_ANGLES), 2 * most + 1), np.nan)
+    a, b = first.places, second.places
     fewest = max(FEWEST, int(LEAST_OVERLAP * min(len(a), len(b))))
-    cosine, sine = np.cos(angles), np.sin(angles)
+    cosine, sine = np.cos(_ANGLES), np.sin(_ANGLES)
     turns = np.stack([np.stack([cosine, -sine], -1), np.stack([sine, cosine], -1)], -2)
     turned = b @ turns.swapaxes(1, 2)
-    for begin in range(0, 2 * most + 1, stride):
-        lags = np.arange(begin, min(begin + stride, 2 * most + 1)) - most
+    for begin in range(0, 2 * most + 1, _STRIDE):
+        lags = np.arange(begin, min(begin + _STRIDE, 2 * most + 1)) - most
         one, other = _overlap(a, b, int(lags[len(lags) // 2]))
         known = np.isfinite(one).all(1) & np.isfinite(other).all(1)
         if known.sum() < fewest:
@@ -110,7 +93,8 @@ def differing_shares(a: np.ndarray, b: np.ndarray, lags: np.ndarray, noise: floa
 
 
 def _planes(
-    walkers: tuple[Walker, Walker], turns: np.ndarray, shifts: np.ndarray, person: np.ndarray
+    views: tuple[UprightView, UprightView], turns: np.ndarray, shifts: np.ndarray,
+    person: np.ndarray,
 ) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray] | None]:  # fmt: skip
     """Return which of the turns (A, 2, 2) can be compared (R,), and for these the positions (R, F,
     2) of the planes that touch either camera's silhouettes, statures at the person.
@@ -118,12 +102,12 @@ def _planes(
     Turns by which the line between the cameras passes too near to the person are left out; None if
     all are.
     """
-    first, second = walkers
-    rise = second.view.height - first.view.height
+    first, second = views
+    rise = second.height - first.height
     lines = np.column_stack([shifts, np.full(len(shifts), rise)])
     lengths = np.linalg.norm(lines, axis=1)
     lines /= np.maximum(lengths, 1e-9)[:, None]
-    middle = np.array([*person, _MIDDLE - first.view.height])
+    middle = np.array([*person, _MIDDLE - first.height])
     ahead = middle - lines * (lines @ middle)[:, None]
     distances = np.linalg.norm(ahead, axis=1)
     rows = np.nonzero((lengths >= _SHORTEST) & (distances >= NEAREST))[0]
@@ -135,23 +119,17 @@ def _planes(
     turned = axes.copy()
     turned[:, :2] = turns[rows].swapaxes(1, 2) @ axes[:, :2]
     positions = []
-    for walker, directions in ((first, axes), (second, turned)):
-        forward, across = (directions[..., side] @ walker.rays.T for side in range(2))
-        extremes = walker.hulls.find_extreme_angles(forward, across)
+    for view, directions in ((first, axes), (second, turned)):
+        forward, across = (directions[..., side] @ view.rays.T for side in range(2))
+        extremes = view.hulls.find_extreme_angles(forward, across)
         positions.append(distances[..., None] * extremes)
     return rows, (positions[0], positions[1])
 
 
-@dataclass(frozen=True)
-class Arrangement:
-    """Angles and lags of all cameras relative to the first, in steps of the tables."""
-
-    angles: tuple[int, ...]
-    lags: tuple[int, ...]
-
-
-#: Angle and lag of a camera.
+#: Angle and lag of a camera, in steps of the tables.
 Place = tuple[int, int]
+#: Those of all cameras, relative to the first.
+Arrangement = tuple[Place, ...]
 
 
 class ArrangementSearch:
@@ -168,8 +146,7 @@ class ArrangementSearch:
             costs = np.where(np.isfinite(table), table, self.neutral)
             self._tables[a, b] = costs
             self._tables[b, a] = np.roll(costs[::-1], 1, axis=0)[:, ::-1]
-        shape = next(iter(tables.values())).shape
-        self.n_angles, self.most = shape[0], shape[1] // 2
+        self.most = next(iter(tables.values())).shape[1] // 2
 
     def find(self, count: int) -> list[Arrangement]:
         """Return up to `count` different arrangements, the best first.
@@ -191,7 +168,7 @@ class ArrangementSearch:
     def move_one(self, arrangement: Arrangement, count: int) -> list[Arrangement]:
         """Return the arrangements in which one camera, each in turn, is at up to `count` of the
         other places where it fits the rest best."""
-        places = dict(enumerate(zip(*vars(arrangement).values(), strict=True)))
+        places = dict(enumerate(arrangement))
         arrangements = []
         for view, current in places.items():
             others = {other: place for other, place in places.items() if other != view}
@@ -213,7 +190,7 @@ class ArrangementSearch:
 
     def _costs(self, view: int, places: Mapping[int, Place]) -> np.ndarray:
         """Return the costs (A, L) of a camera with those that are placed, summed."""
-        total = np.zeros((self.n_angles, 2 * self.most + 1))
+        total = np.zeros((len(_ANGLES), 2 * self.most + 1))
         for other, (angle, lag) in places.items():
             if (other, view) not in self._tables:
                 continue
@@ -243,7 +220,7 @@ class ArrangementSearch:
             steps = np.array([places[view] for view in sorted(places)])
             if taken:
                 apart = np.abs(np.array(taken) - steps)
-                apart[..., 0] = np.minimum(apart[..., 0], self.n_angles - apart[..., 0])
+                apart[..., 0] = np.minimum(apart[..., 0], len(_ANGLES) - apart[..., 0])
                 if (apart <= _SAME).all((1, 2)).any():
                     continue
             different.append((cost, places))
@@ -254,24 +231,21 @@ class ArrangementSearch:
 
     def _describe(self, places: Mapping[int, Place]) -> Arrangement:
         """Return the arrangement of all cameras."""
-        views, first = range(self.n_cameras), places[0]
-        return Arrangement(
-            tuple((places[view][0] - first[0]) % self.n_angles for view in views),
-            tuple(places[view][1] - first[1] for view in views),
-        )
+        ordered, first = [places[view] for view in range(self.n_cameras)], places[0]
+        return tuple(((a - first[0]) % len(_ANGLES), lag - first[1]) for a, lag in ordered)
 
 
 def place_cameras(
-    cameras: Sequence[Camera], views: Sequence[UprightView], angles: np.ndarray,
-    lags: Sequence[int], stature: float,
+    cameras: Sequence[Camera], views: Sequence[UprightView], arrangement: Arrangement,
+    stature: float,
 ) -> CameraRig:  # fmt: skip
-    """Place cameras by their upright views, angles (V,) rad and lags, in the views' frames.
+    """Place cameras by their upright views and arrangement, whose lags are in the views' frames.
 
     The first camera is above the origin, Z is its up; the stature, m, gives the scale.
     """
     placed, first = [], views[0].places
-    for camera, view, angle, lag in zip(cameras, views, angles, lags, strict=True):
-        cosine, sine = np.cos(angle), np.sin(angle)
+    for camera, view, (angle, lag) in zip(cameras, views, arrangement, strict=True):
+        cosine, sine = np.cos(_ANGLES[angle]), np.sin(_ANGLES[angle])
         turn = np.array([[cosine, -sine], [sine, cosine]])
         here, there = _overlap(first, view.places, lag)
         apart = here - there @ turn.T

@@ -10,7 +10,6 @@ import numpy as np
 from cl import InputError
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.names import join_names
-from psfs.diagnostics.hulls import HullRays
 from psfs.diagnostics.small_views import Outline
 from psfs.self_calibration.adjustment import PersonPoints
 from psfs.self_calibration.config import PersonConfig
@@ -34,14 +33,12 @@ class PersonTake:
     """Silhouettes of V cameras, and what each tells by itself.
 
     cameras: small, with the intrinsics that are kept. points: the silhouettes' tangent points.
-    hulls: of the silhouettes in every `step`-th frame. views: of every camera its tilt and height,
-    by these. edges: (N, 2, 2) px each, the straight edges of the empty room. most: the greatest lag
-    in steps.
+    views: of every camera its tilt and height, by every `step`-th frame. edges: (N, 2, 2) px each,
+    the straight edges of the empty room. most: the greatest lag in steps.
     """
 
     cameras: Sequence[Camera]
     points: PersonPoints
-    hulls: Sequence[HullRays]
     views: Sequence[UprightView]
     edges: Sequence[np.ndarray]
     step: int
@@ -58,9 +55,8 @@ class PersonTake:
         step = max(1, round(rate / TABLE_RATE))
         points = PersonPoints(cameras, outlines, config)
         rows = [view_outlines[::step] for view_outlines in outlines]
-        hulls = [HullRays(*pair) for pair in zip(cameras, rows, strict=True)]
         most = int(np.ceil(config.longest_lag * rate / step))
-        return cls(cameras, points, hulls, _fit_views(hulls, rows), edges, step, most)
+        return cls(cameras, points, _fit_views(cameras, rows), edges, step, most)
 
     def find_up(self, rig: CameraRig) -> np.ndarray:
         """Return the mean of what the cameras of a rig tell of up (3,)."""
@@ -89,10 +85,10 @@ def check_seen(cameras: Sequence[Camera], outlines: Outlines) -> None:
         )
 
 
-def _fit_views(hulls: Sequence[HullRays], outlines: Outlines) -> list[UprightView]:
+def _fit_views(cameras: Sequence[Camera], outlines: Outlines) -> list[UprightView]:
     """Return what each camera tells of its tilt and height."""
-    views = [fit_upright(*pair) for pair in zip(hulls, outlines, strict=True)]
-    unseen = [of.camera.name for of, view in zip(hulls, views, strict=True) if view is None]
+    views = [fit_upright(*pair) for pair in zip(cameras, outlines, strict=True)]
+    unseen = [camera.name for camera, view in zip(cameras, views, strict=True) if view is None]
     if unseen:
         raise InputError(f"{join_names(unseen)}: the person is seldom seen wholly; {FILM}")
     return [view for view in views if view is not None]

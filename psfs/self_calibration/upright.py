@@ -10,10 +10,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import scipy
 
+from psfs.cameras.camera import Camera
 from psfs.diagnostics.hulls import HullRays
 from psfs.diagnostics.small_views import Outline
 from psfs.footage.camera_times import INDEPENDENT_SHARE
@@ -33,14 +35,20 @@ FEWEST = 20
 class UprightView:
     """One camera's view of somebody upright.
 
-    axes: (3, 3) rows: right, forward and up in the camera's axes. height: of the camera over the
-    floor, statures. places: (F, 2) the person's places right and forward of the camera, statures;
-    NaN where the person is not wholly seen.
+    hulls: of the silhouettes. axes: (3, 3) rows: right, forward and up in the camera's axes.
+    height: of the camera over the floor, statures. places: (F, 2) the person's places right and
+    forward of the camera, statures; NaN where the person is not wholly seen.
     """
 
+    hulls: HullRays
     axes: np.ndarray
     height: float
     places: np.ndarray
+
+    @cached_property
+    def rays(self) -> np.ndarray:
+        """The rays (N, 3) of the hulls in the floor's axes."""
+        return self.hulls.rays @ self.axes.T
 
 
 def floor_axes(tilt: float, roll: float) -> np.ndarray:
@@ -52,10 +60,10 @@ def floor_axes(tilt: float, roll: float) -> np.ndarray:
     return np.stack([right, np.cross(up, right), up])
 
 
-def fit_upright(hulls: HullRays, outlines: Sequence[Outline | None]) -> UprightView | None:
-    """Fit the camera's tilt, roll and height to its outlines [frame] and their hulls; None if too
-    few frames show the whole person."""
-    ends = HullRays(hulls.camera, _join_contours(outlines))
+def fit_upright(camera: Camera, outlines: Sequence[Outline | None]) -> UprightView | None:
+    """Fit a camera's tilt, roll and height to its outlines [frame]; None if too few frames show the
+    whole person."""
+    hulls, ends = HullRays(camera, outlines), HullRays(camera, _join_contours(outlines))
     values = np.array([_TILT[0], 0.0, _HEIGHT[0]])
     for _ in range(2):
         seen = _measure(hulls, ends, floor_axes(values[0], values[1]))
@@ -79,7 +87,7 @@ def fit_upright(hulls: HullRays, outlines: Sequence[Outline | None]) -> UprightV
     distance = 1 / np.maximum(a + b, 1e-3)
     azimuth = 0.5 * (head + feet)
     places = distance[:, None] * np.stack([np.sin(azimuth), np.cos(azimuth)], -1)
-    return UprightView(axes, float(np.nanmedian(b * distance)), places)
+    return UprightView(hulls, axes, float(np.nanmedian(b * distance)), places)
 
 
 def _cost(hulls: HullRays, ends: HullRays, x: np.ndarray) -> float:

@@ -8,7 +8,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 
-from psfs.calibration.scene import CalibrationScene, rigid_transform
+from psfs.calibration.scene import CalibrationScene, rigid_transform, turn_to_up
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.triangulation import intersect_rays
 from psfs.common.least_squares import Parameters, Residuals, Slope, prior, solve
@@ -55,9 +55,7 @@ def align_to_person(
     low, _ = _frame_extremes(triangulate_points(rig, points), points.frames)
     slope = fit_floor(low)
     rig = _place(rig, np.array([-slope[0], -slope[1], 1.0]), points, stature)
-    rig, levelled = level_rig(
-        Adjusted(rig, adjusted.lags, adjusted.last), take.points, take.edges, points
-    )
+    rig, levelled = level_rig(replace(adjusted, rig=rig), take.points, take.edges, points)
     return _place(rig, np.array([0.0, 0.0, 1.0]), points, stature, floor=0.0), levelled
 
 
@@ -73,8 +71,7 @@ def level_rig(
     up = fit_vertical(rig, edges, np.array([0.0, 0.0, 1.0]))
     if up is not None:
         rig = _transform(rig, turn_to_up(up, np.array([1.0, 0.0, 0.0])), np.zeros(3))
-    shifts, places = np.round(adjusted.lags).astype(int), measure_places(rig, points)
-    floor = measure_floor(rig, person.contours, shifts, *places)
+    floor = measure_floor(rig, person.contours, adjusted.shifts, *measure_places(rig, points))
     return _transform(rig, np.eye(3), np.array([0.0, 0.0, -floor])), up is not None
 
 
@@ -132,14 +129,6 @@ def measure_path(rig: CameraRig, points: FrontierPoints) -> float:
     which it is greatest, m."""
     _, places = measure_places(rig, points)
     return float(np.sqrt(np.linalg.eigvalsh(np.cov(places.T))[-1])) if len(places) > 1 else 0.0
-
-
-def turn_to_up(up: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """Return the axes (3, 3) with Z along `up` and X near `right`."""
-    z = up / np.linalg.norm(up)
-    x = right - z * (z @ right)
-    x /= np.linalg.norm(x)
-    return np.stack([x, np.cross(z, x), z])
 
 
 def _frame_extremes(places: np.ndarray, frames: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -179,9 +179,9 @@ def test_a_manifest_that_is_none_or_was_cut(tmp_path: Path) -> None:
     run(tmp_path, "a.txt")
     with (tmp_path / MANIFEST).open("a") as file:
         file.write("file b")  # killed while it was written
-    assert set(Manifest.read(tmp_path).files) == {"a.txt"}  # type: ignore[union-attr]
+    assert set(Manifest.read(tmp_path).files) == {"a.txt"}
     (tmp_path / MANIFEST).write_text("psfs-ap")
-    assert Manifest.read(tmp_path) is None
+    assert Manifest.read(tmp_path) == Manifest()
     (tmp_path / MANIFEST).write_text("my own list\n")
     with pytest.raises(InputError, match="not a manifest of psfs-apf"):
         run(tmp_path, "a.txt")

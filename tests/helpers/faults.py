@@ -10,7 +10,6 @@ from datetime import date
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 
 import apf.cli
@@ -95,11 +94,8 @@ def masks_folder(folder: Path, frames: int = 3) -> Path:
     rig = scenes.ring(5, size=(160, 120))
     footage.write_toml(folder / "calibration.toml", footage.tables(rig))
     for camera, mask in zip(rig, scenes.masks_of(rig), strict=True):
-        for frame in range(frames):
-            picture = mask[: camera.size[1], : camera.size[0]] * np.uint8(frame > 0)
-            path = folder / "masks" / camera.name / f"{frame:04d}.png"
-            path.parent.mkdir(parents=True, exist_ok=True)
-            cv2.imwrite(str(path), picture)
+        shown = mask[: camera.size[1], : camera.size[0]]
+        footage.write_masks(folder, camera.name, (shown * np.uint8(k > 0) for k in range(frames)))
     return folder
 
 

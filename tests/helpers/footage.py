@@ -1,5 +1,6 @@
 """Write tiny sequences for the tests: calibrations, videos and images."""
 
+from collections.abc import Iterable
 from pathlib import Path
 
 import cv2
@@ -79,6 +80,13 @@ def write_video(
 def write_image(path: Path, level: int, size: tuple[int, int] = SIZE) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     assert cv2.imwrite(str(path), np.full((size[1], size[0]), level, np.uint8))
+
+
+def write_masks(folder: Path, name: str, masks: Iterable[np.ndarray]) -> None:
+    """Write the masks (h, w) uint8 of one camera."""
+    (folder / "masks" / name).mkdir(parents=True)
+    for frame, mask in enumerate(masks):
+        assert cv2.imwrite(str(folder / "masks" / name / f"{frame:04d}.png"), mask)
 
 
 def native(folder: Path, views: int = 3, frames: int = 12) -> Path:

@@ -3,6 +3,7 @@
 from dataclasses import replace
 from functools import cache
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -60,6 +61,17 @@ def ring(views: int = 4, size: tuple[int, int] = (97, 75), radius: float = 3.0) 
         here = (size[0] - 7 * (k % 2), size[1] - 4 * (k % 3))
         cameras.append(looking_at(f"c{k}", centre, np.array([0, 0, 0.8]), here, size[0] * 0.9))
     return CameraRig(tuple(cameras))
+
+
+#: Corners (8, 3), m, of a block of a person's height.
+BLOCK = np.stack(np.meshgrid([-0.2, 0.2], [-0.15, 0.15], [0.1, 1.7]), -1).reshape(-1, 3)
+
+
+def draw_hull(camera: Camera, points: np.ndarray, level: int = 255) -> np.ndarray:
+    """Return the mask (h, w) uint8 of the convex hull of points (N, 3)."""
+    mask = np.zeros(camera.size[::-1], np.uint8)
+    hull = cv2.convexHull(np.rint(camera.project(points)[0]).astype(np.int32))
+    return cv2.fillConvexPoly(mask, hull, level)
 
 
 def without_distortion(rig: CameraRig) -> CameraRig:

@@ -54,7 +54,7 @@ def place_cameras_by_board(
     sightings = [s for s in sightings if (s.frame, s.view) in poses]
     seen = {(s.frame, s.view): s for s in sightings}
     relative = {pair: _estimate_relative_pose(pair, cameras, target, seen, poses) for pair in pairs}
-    places = chain_poses(pairs, relative)
+    places = chain_poses(relative)
     rig = tuple(place_camera(camera, places[view]) for view, camera in enumerate(cameras))
     board_poses: dict[int, np.ndarray] = {}
     ordered: list[Sighting] = []

@@ -145,14 +145,12 @@ def find_spanning_pairs(counts: np.ndarray, fewest: int) -> list[Pair]:
     return [(int(before[view]), int(view)) for view in order[1:]]
 
 
-def chain_poses(
-    pairs: Sequence[Pair], relative: Mapping[Pair, np.ndarray]
-) -> dict[int, np.ndarray]:
+def chain_poses(relative: Mapping[Pair, np.ndarray]) -> dict[int, np.ndarray]:
     """Return the poses (4, 4) of all cameras in the frame of the first one.
 
-    relative: transform from the known camera of a pair to the new one.
+    relative: transform from the known camera of a pair to the new one, pair after pair.
     """
-    poses = {pairs[0][0]: np.eye(4)}
-    for known, new in pairs:
-        poses[new] = relative[known, new] @ poses[known]
+    poses = {next(iter(relative))[0]: np.eye(4)}
+    for (known, new), transform in relative.items():
+        poses[new] = transform @ poses[known]
     return poses

@@ -47,7 +47,7 @@ def place_cameras_by_wand(
                 f"a {target.name}, the only bright spots that move, and cameras that run together"
             )
         relative[a, b] = pose[0]
-    places = chain_poses(pairs, relative)
+    places = chain_poses(relative)
     rig = tuple(place_camera(camera, places[view]) for view, camera in enumerate(cameras))
     poses: dict[int, np.ndarray] = {}
     ordered: list[Sighting] = []

@@ -132,10 +132,6 @@ class CharucoFinder:
     ) -> None:  # fmt: skip
         check_squares(squares, square)
         check_number("marker (m)", marker, 0.0005, 0.999 * square)
-        if dictionary not in ("auto", *DICTIONARIES):
-            raise InputError(
-                f"dictionary {dictionary!r}; expected auto, {join_names(DICTIONARIES)}"
-            )
         names = DICTIONARIES if dictionary == "auto" else (dictionary,)
         self.squares, self._names = squares, names
         # Old and new boards differ if the number of rows is even.

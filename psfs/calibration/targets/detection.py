@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import os
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from itertools import chain
 from pathlib import Path
 from typing import Protocol
 
@@ -30,10 +32,11 @@ class Finder(Protocol):
     def __call__(self, view: int, picture: np.ndarray) -> Found | None: ...
 
 
-def open_uncalibrated(folder: Path, stated: SequenceSettings) -> Views:
+def open_uncalibrated(folder: Path, stated: SequenceSettings, silhouettes: bool = False) -> Views:
     """Open a folder of views that needs no calibration; its `sequence.toml` applies.
 
-    Raises InputError for what cannot be read.
+    silhouettes: whether to open the empty scene and masks, too. Raises InputError for what cannot
+    be read.
     """
     settings = stated.fill_from(SequenceSettings.read(folder / "sequence.toml"))
     if settings.sync == "auto":
@@ -41,7 +44,7 @@ def open_uncalibrated(folder: Path, stated: SequenceSettings) -> Views:
             "sync is auto, which needs a calibration; expected audio (by the sound of a clap) or "
             "CAMERA=N,...; see docs/from_phones.md"
         )
-    return Views(folder, LAYOUT, read_uncalibrated(folder, settings), settings)
+    return Views(folder, LAYOUT, read_uncalibrated(folder, settings, silhouettes), settings)
 
 
 def crop_pictures(frame: Frame, rig: CameraRig) -> list[np.ndarray]:
@@ -78,14 +81,7 @@ def find_sightings(
 def median_pictures(views: Views, chosen: Sequence[int]) -> list[np.ndarray]:
     """Return the median over time of every view's grey pictures (h, w) uint8, without what
     moves."""
-    picked = pick_evenly(len(chosen))
-    stacks: list[list[np.ndarray]] = [[] for _ in views.rig]
-    with views.reader() as read:
-        for row in picked:
-            for stack, picture in zip(
-                stacks, crop_pictures(read(chosen[row]), views.rig), strict=True
-            ):
-                stack.append(to_grey(picture))
+    stacks = zip(*(map(to_grey, pictures) for pictures in _read_some(views, chosen)), strict=True)
     return [np.median(stack, axis=0).astype(np.uint8) for stack in stacks]
 
 
@@ -96,12 +92,13 @@ def find_hint(
 
     look: `describe_other_board` of a finder whose board is in none of the pictures.
     """
-    picked = pick_evenly(len(chosen))
-    seen: dict[str, int] = {}
+    hints = Counter(map(look, chain.from_iterable(_read_some(views, chosen))))
+    del hints[None]
+    return max(hints, key=hints.__getitem__, default=None)
+
+
+def _read_some(views: Views, chosen: Sequence[int]) -> Iterator[list[np.ndarray]]:
+    """Yield every view's picture of some of the chosen frames."""
     with views.reader() as read:
-        for row in picked:
-            for picture in crop_pictures(read(chosen[row]), views.rig):
-                hint = look(picture)
-                if hint is not None:
-                    seen[hint] = seen.get(hint, 0) + 1
-    return max(seen, key=lambda hint: seen[hint]) if seen else None
+        for row in pick_evenly(len(chosen)):
+            yield crop_pictures(read(chosen[row]), views.rig)

@@ -81,7 +81,7 @@ def calibrate_by_points(
     noise = config.worst_keypoint / GATE * longest
     lags = np.zeros(len(cameras), int)
     if longest_lag:
-        lags = estimate_lags(seen, longest_lag, FEWEST, noise)
+        lags = estimate_lags(seen, longest_lag, noise)
     frames = _choose_frames(seen, lags)
     rigid = None
     if segments:

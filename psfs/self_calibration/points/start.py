@@ -189,19 +189,18 @@ def measure_epipolar(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return away
 
 
-def estimate_lags(seen: np.ndarray, most: int, fewest: int, noise: float) -> np.ndarray:
+def estimate_lags(seen: np.ndarray, most: int, noise: float) -> np.ndarray:
     """Return the lags (V,) of cameras behind the first, whole frames up to `most`.
 
-    seen: (V, F, K, 2), NaN where a point is not seen. fewest: points that two cameras must share to
-    be compared. noise: standard deviation of a point, px.
+    seen: (V, F, K, 2), NaN where a point is not seen. noise: standard deviation of a point, px.
     """
     pairs = combinations(range(len(seen)), 2)
-    costs = {(a, b): _compare_lags(seen[a], seen[b], most, fewest, noise) for a, b in pairs}
+    costs = {(a, b): _compare_lags(seen[a], seen[b], most, noise) for a, b in pairs}
     whole = np.array(estimate_times(len(seen), costs).whole)
     return whole - whole[0]
 
 
-def _compare_lags(a: np.ndarray, b: np.ndarray, most: int, fewest: int, noise: float) -> np.ndarray:
+def _compare_lags(a: np.ndarray, b: np.ndarray, most: int, noise: float) -> np.ndarray:
     """Return the costs, see `camera_times`, of the distances from epipolar lines at all lags."""
     n_frames, n_points = a.shape[:2]
     distances = np.full((n_points, 2 * most + 1, n_frames), np.nan)
@@ -209,7 +208,7 @@ def _compare_lags(a: np.ndarray, b: np.ndarray, most: int, fewest: int, noise: f
         other = shift_points(b, lag)
         rows = np.flatnonzero((np.isfinite(a) & np.isfinite(other)).all(-1))
         rows = rows[pick_evenly(len(rows), _COMPARED)]
-        if len(rows) >= fewest and n_frames - abs(lag) >= LEAST_OVERLAP * n_frames:
+        if len(rows) >= FEWEST and n_frames - abs(lag) >= LEAST_OVERLAP * n_frames:
             away = measure_epipolar(a.reshape(-1, 2)[rows], other.reshape(-1, 2)[rows])
             distances[rows % n_points, row, rows // n_points] = away
     # Two cameras may be `most` apart, on either side of the median camera.

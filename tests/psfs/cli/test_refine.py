@@ -7,7 +7,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from helpers import scenes
+from helpers import footage, scenes
 
 from psfs.cameras.calibration import read_calibration
 from psfs.cameras.calibration.toml_tables import write_toml_tables
@@ -33,13 +33,12 @@ def person(frame: int) -> np.ndarray:
 
 def film(folder: Path, frames: int) -> Path:
     for camera in EXACT:
-        (folder / "masks" / camera.name).mkdir(parents=True)
-        for frame in range(frames):
-            mask = np.zeros(camera.size[::-1], np.uint8)
+        masks = np.zeros((frames, *camera.size[::-1]), np.uint8)
+        for frame, mask in enumerate(masks):
             _, y, x, _ = camera.look_up(person(frame))
             mask[y, x] = 255
-            mask = cv2.dilate(mask, np.ones((7, 7), np.uint8))
-            cv2.imwrite(str(folder / "masks" / camera.name / f"{frame:03d}.png"), mask)
+        square = np.ones((7, 7), np.uint8)
+        footage.write_masks(folder, camera.name, (cv2.dilate(mask, square) for mask in masks))
     return folder
 
 

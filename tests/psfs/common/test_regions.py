@@ -73,8 +73,8 @@ def test_parts_are_those_of_the_whole_grid(density: float) -> None:
         assert sorted(map(len, parts), reverse=True) == [*map(len, parts)]
 
 
-@pytest.mark.parametrize(("window", "degree"), [(5, 2), (9, 3), (1, 0)])
-def test_local_polynomials_are_those_of_scipy(window: int, degree: int) -> None:
+@pytest.mark.parametrize("window", [3, 5, 9])
+def test_local_parabolas_are_those_of_scipy(window: int) -> None:
     values = np.random.default_rng(0).normal(size=(20, 3, 2))
-    expected = savgol_filter(values, window, degree, axis=0)
-    np.testing.assert_allclose(smooth_locally(values, window, degree), expected, atol=1e-12)
+    expected = savgol_filter(values, window, 2, axis=0)
+    np.testing.assert_allclose(smooth_locally(values, window), expected, atol=1e-12)

@@ -24,16 +24,14 @@ def film(folder: Path, rig: CameraRig) -> Path:
     (folder / "sequence.toml").write_text("fps = 30\n")
     block = np.stack(np.meshgrid([-0.3, 0.2], [-0.15, 0.15], [0.1, 1.7]), -1).reshape(-1, 3)
     for camera, late, speed in zip(rig, LATE, SPEEDS, strict=True):
-        (folder / "masks" / camera.name).mkdir(parents=True)
+        masks = []
         for frame in range(FRAMES):
             time = (frame - late) / speed
             sway = np.sin(time * np.array([[0.06, 0.11, 0.23], [0.05, 0.13, 0.19]]) + [[0], [2]])
             moved = block @ cv2.Rodrigues(np.array([0, 0, 0.1 * time]))[0].T
             moved += [*(0.25 * sway.sum(1)), 0.05 * sway[0, 2]]
-            mask = np.zeros(SIZE[::-1], np.uint8)
-            hull = cv2.convexHull(np.rint(camera.project(moved)[0]).astype(np.int32))
-            cv2.fillConvexPoly(mask, hull, 255)
-            assert cv2.imwrite(str(folder / "masks" / camera.name / f"{frame:04d}.png"), mask)
+            masks.append(scenes.draw_hull(camera, moved))
+        footage.write_masks(folder, camera.name, masks)
     return folder
 
 

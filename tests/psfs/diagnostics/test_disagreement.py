@@ -6,10 +6,9 @@ from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
-from helpers import scenes
+from helpers import footage, scenes
 from helpers.shared import shared_data
 
 import psfs
@@ -75,16 +74,12 @@ def late_walk(tmp_path_factory: pytest.TempPathFactory) -> Path:
     rig = scenes.ring(6, size=(160, 120))
     folder.mkdir(parents=True, exist_ok=True)
     write_toml_tables(folder / "calibration.toml", rig)
-    corners = np.stack(np.meshgrid([-0.2, 0.2], [-0.15, 0.15], [0.1, 1.7]), -1).reshape(-1, 3)
     for camera in rig:
-        target = folder / "masks" / camera.name
-        target.mkdir(parents=True)
-        for frame in range(30):
-            time = max(0, frame - 10) if camera.name == "c2" else frame
-            pixels, _ = camera.project(corners + np.array([0.06 * (time - 15), 0, 0]))
-            mask = np.zeros(camera.size[::-1], np.uint8)
-            cv2.fillConvexPoly(mask, cv2.convexHull(np.rint(pixels).astype(np.int32)), 255)
-            assert cv2.imwrite(str(target / f"{frame:04d}.png"), mask)
+        frames = np.arange(30)
+        times = np.maximum(0, frames - 10) if camera.name == "c2" else frames
+        shifts = [np.array([0.06 * (time - 15), 0, 0]) for time in times]
+        masks = [scenes.draw_hull(camera, scenes.BLOCK + shift) for shift in shifts]
+        footage.write_masks(folder, camera.name, masks)
     return folder
 
 
@@ -110,12 +105,11 @@ def test_clutter_and_furniture_accuse_no_camera(monkeypatch: pytest.MonkeyPatch)
     """Rafters across one picture, which touch the head, and a table before the legs in another."""
     monkeypatch.setattr("psfs.diagnostics.agreement._VOXELS", 150_000)
     rig, plain, blocks = scenes.ring(6, size=(160, 120)), [], []
-    corners = np.stack(np.meshgrid([-0.2, 0.2], [-0.15, 0.15], [0.1, 1.7]), -1).reshape(-1, 3)
     for frame in range(12):
         masks = np.zeros((6, 120, 160), np.uint8)
         for mask, camera in zip(masks, rig, strict=True):
-            pixels, _ = camera.project(corners + np.array([0.05 * frame, 0, 0]))
-            cv2.fillConvexPoly(mask, cv2.convexHull(np.rint(pixels).astype(np.int32)), 1)
+            shown = scenes.draw_hull(camera, scenes.BLOCK + np.array([0.05 * frame, 0, 0]), 1)
+            mask[: camera.size[1], : camera.size[0]] = shown
         plain.append(masks > 0)
         top = int(np.flatnonzero(masks[1].any(1))[0])
         masks[1, top - 3 : top + 3] = 1

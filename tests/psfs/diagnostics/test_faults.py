@@ -6,7 +6,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from helpers import scenes
+from helpers import footage, scenes
 from helpers.shared import shared_data
 
 import apf.cli
@@ -43,9 +43,7 @@ def film(cameras: CameraRig, first: int = 0, beside: float = 0.0) -> np.ndarray:
         place = np.array([0.02 * (now - 18), 0.3 * np.sin(now / 5), 0.1 * np.sin(now / 2)])
         place[1] += beside
         for view, camera in enumerate(cameras):
-            pixels, _ = camera.project(corners @ turn.T + place)
-            hull = cv2.convexHull(np.rint(pixels).astype(np.int32))
-            cv2.fillConvexPoly(out[frame, view], hull, 255)
+            out[frame, view] = scenes.draw_hull(camera, corners @ turn.T + place)
     return out
 
 
@@ -65,9 +63,7 @@ def write(folder: Path, masks: np.ndarray, cameras: CameraRig | None = None) -> 
     folder.mkdir(parents=True, exist_ok=True)
     write_toml_tables(folder / "calibration.toml", cameras or rig())
     for view, name in enumerate(NAMES):
-        (folder / "masks" / name).mkdir(parents=True)
-        for frame, mask in enumerate(masks[:, view]):
-            assert cv2.imwrite(str(folder / "masks" / name / f"{frame:04d}.png"), mask)
+        footage.write_masks(folder, name, masks[:, view])
     (folder / "sequence.toml").write_text("fps = 30\n")
     return folder
 
@@ -120,11 +116,41 @@ def test_dropped_distortion(tmp_path: Path) -> None:
     assert faults(write(tmp_path / "rectified", film(of_one), of_one)) == []
 
 
-def test_exchanged_cameras(tmp_path: Path, masks: np.ndarray) -> None:
+#: Masks of some cameras, made of all (F, V, h, w), and the fault that is named.
+SPOILT = {
+    "exchanged": (lambda m: {1: m[:, 4], 4: m[:, 1]}, "exchange", ("c1", "c4"), "exchanged"),
+    "hangs": (
+        lambda m: {2: m[np.minimum(np.arange(FRAMES), FRAMES // 2), 2]},
+        *("repeats", ("c2",), f"in frames 18 to {FRAMES - 1}"),
+    ),
+    "of another take": (
+        lambda m: {2: m[7 * np.arange(FRAMES) % FRAMES, 4][:, ::-1]},
+        *("disagrees", ("c2",), "another take"),
+    ),
+    "mirrored": (
+        lambda m: {3: m[:, 3, :, ::-1]},
+        *("flipped", ("c3",), "the pictures of camera c3 are mirrored"),
+    ),
+    "all mirrored": (
+        lambda m: {v: m[:, v, :, ::-1] for v in range(5)},
+        *("flipped", tuple(NAMES), "all cameras"),
+    ),
+    "upside down": (lambda m: {3: m[:, 3, ::-1, ::-1]}, "flipped", ("c3",), "180 degrees"),
+    "shows nobody": (lambda m: {2: 0 * m[:, 2]}, "empty", ("c2",), "shows nobody"),
+    "empty room": (lambda m: {v: 0 * m[:, v] for v in range(5)}, "empty", (), "nothing stands"),
+}
+
+
+@pytest.mark.parametrize("name", SPOILT)
+def test_cameras_that_show_something_else(tmp_path: Path, masks: np.ndarray, name: str) -> None:
+    spoil, kind, cameras, said = SPOILT[name]
     spoilt = masks.copy()
-    spoilt[:, [1, 4]] = masks[:, [4, 1]]
+    for view, shown in spoil(masks).items():
+        spoilt[:, view] = shown
     (fault,) = faults(write(tmp_path / "a", spoilt))
-    assert fault.kind == "exchange" and fault.cameras == ("c1", "c4")
+    assert (fault.kind, fault.cameras) == (kind, cameras)
+    assert said in fault.text and "--sync" not in fault.text
+    assert fault.spoils == (name in ("of another take", "shows nobody"))
 
 
 def test_late_cameras_are_named_and_mended(tmp_path: Path, masks: np.ndarray) -> None:
@@ -182,14 +208,6 @@ def test_leaving_a_camera_out_keeps_the_match_by_order(tmp_path: Path, masks: np
     np.testing.assert_array_equal(kept > 0, masks[2, [0, 3, 4]] > 0)
 
 
-def test_a_camera_that_hangs_for_a_while(tmp_path: Path, masks: np.ndarray) -> None:
-    spoilt = masks.copy()
-    spoilt[FRAMES // 2 :, 2] = masks[FRAMES // 2, 2]
-    (fault,) = faults(write(tmp_path / "a", spoilt))
-    assert fault.kind == "repeats" and fault.cameras == ("c2",)
-    assert f"in frames 18 to {FRAMES - 1}" in str(fault)
-
-
 def test_a_camera_behind_furniture_does_not_hang(tmp_path: Path, masks: np.ndarray) -> None:
     spoilt = masks.copy()
     top = np.flatnonzero(masks[:, 2].any((0, 2)))[0] + 2
@@ -199,43 +217,11 @@ def test_a_camera_behind_furniture_does_not_hang(tmp_path: Path, masks: np.ndarr
     assert all(fault.kind != "repeats" for fault in found)
 
 
-def test_a_camera_of_another_take(tmp_path: Path, masks: np.ndarray) -> None:
-    """It shows the block elsewhere, and never as the others do at any lag."""
-    spoilt = masks.copy()
-    jumps = 7 * np.arange(FRAMES) % FRAMES
-    spoilt[:, 2] = masks[jumps, 4][:, ::-1]
-    (fault,) = faults(write(tmp_path / "a", spoilt))
-    assert fault.kind == "disagrees" and fault.cameras == ("c2",)
-    assert "another take" in str(fault) and "--sync" not in str(fault)
-
-
 def test_cameras_that_outline_different_people_are_of_one_take(tmp_path: Path) -> None:
     """Two blocks: each camera outlines the one that it shows larger."""
     alone = film(rig(), beside=-0.5)
     both = alone | film(rig(), first=40, beside=0.8)
     assert all(not fault.spoils for fault in faults(write(tmp_path / "a", both)))
-
-
-def test_one_mirrored_camera(tmp_path: Path, masks: np.ndarray) -> None:
-    spoilt = masks.copy()
-    spoilt[:, 3] = masks[:, 3, :, ::-1]
-    (fault,) = faults(write(tmp_path / "a", spoilt))
-    assert fault.kind == "flipped" and fault.cameras == ("c3",)
-    assert "the pictures of camera c3 are mirrored" in str(fault)
-
-
-def test_an_empty_room(tmp_path: Path, masks: np.ndarray) -> None:
-    (fault,) = faults(write(tmp_path / "a", np.zeros_like(masks)))
-    assert fault.kind == "empty" and fault.cameras == ()
-
-
-def test_a_camera_that_shows_nobody_is_not_accused_of_having_moved(
-    tmp_path: Path, masks: np.ndarray
-) -> None:
-    spoilt = masks.copy()
-    spoilt[:, 2] = 0
-    (fault,) = faults(write(tmp_path / "a", spoilt))
-    assert fault.kind == "empty" and fault.cameras == ("c2",) and fault.spoils
 
 
 def test_a_shift_is_measured_without_a_change_of_the_background() -> None:
@@ -258,18 +244,6 @@ def test_masks_of_other_values(tmp_path: Path, masks: np.ndarray) -> None:
     assert all("black and white exchanged" in fault.text for fault in inverted)
 
 
-def test_mirrored_pictures(tmp_path: Path, masks: np.ndarray) -> None:
-    (fault,) = faults(write(tmp_path / "a", masks[..., ::-1]))
-    assert fault.kind == "flipped" and "all cameras" in str(fault)
-
-
-def test_a_camera_upside_down(tmp_path: Path, masks: np.ndarray) -> None:
-    spoilt = masks.copy()
-    spoilt[:, 3] = masks[:, 3, ::-1, ::-1]
-    (fault,) = faults(write(tmp_path / "a", spoilt))
-    assert fault.kind == "flipped" and fault.cameras == ("c3",) and "180 degrees" in str(fault)
-
-
 def test_a_camera_in_another_unit(tmp_path: Path, masks: np.ndarray) -> None:
     cameras = list(rig())
     cameras[2] = replace(cameras[2], t=1000 * cameras[2].t)
@@ -283,7 +257,7 @@ def test_a_camera_in_another_unit(tmp_path: Path, masks: np.ndarray) -> None:
 def test_lenses_that_form_no_picture() -> None:
     """Coefficients of another unit fold the picture or squeeze it; pixels are no long strips."""
     whole = rig()
-    assert find_rig_faults(whole) == []
+    assert [*find_rig_faults(whole)] == []
     usual = np.array([-0.3, 0.1, 1e-3, -1e-3, 0.02])  # a wide lens
     for distortion, expected in (
         (usual, []),

@@ -3,7 +3,6 @@
 from dataclasses import replace
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 from helpers import footage, scenes
@@ -37,10 +36,7 @@ def film(folder: Path, points: np.ndarray) -> Path:
     prints = voxel_footprints(rig, STEP)
     for view, camera in enumerate(rig):
         shown = voxel_silhouette(camera, points, prints[view], camera.size[::-1])
-        (folder / "masks" / camera.name).mkdir(parents=True)
-        for frame in range(3):
-            path = folder / "masks" / camera.name / f"{frame:06d}.png"
-            cv2.imwrite(str(path), np.where(shown, 255, 0).astype(np.uint8))
+        footage.write_masks(folder, camera.name, 3 * [np.where(shown, 255, 0).astype(np.uint8)])
     return folder
 
 
