@@ -14,7 +14,7 @@ if the silhouette is too wide or too narrow.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from functools import partial
 from itertools import pairwise
 
@@ -162,6 +162,28 @@ _PER_CAMERA = 1200
 _ALONG = 1e-2
 
 
+@dataclass(frozen=True, eq=False)
+class _Traced:
+    """S points on limbs' axes and what V cameras tell of them.
+
+    times: (S,) frames of the first camera. firsts: (S,) the cameras in which they were chosen.
+    points: (S, 3). known: (S, V) bool. frames: (S, V) the picture before the time. across: (S, V,
+    2) unit vectors across the axis. pixels: (S, V, 2, 2) on the axis in the pictures before and
+    after, px from the principal point.
+    """
+
+    times: np.ndarray
+    firsts: np.ndarray
+    points: np.ndarray
+    known: np.ndarray
+    frames: np.ndarray
+    across: np.ndarray
+    pixels: np.ndarray
+
+    def select(self, mask: np.ndarray) -> _Traced:
+        return _Traced(*(getattr(self, field.name)[mask] for field in fields(self)))
+
+
 def measure_limbs(
     hulls: Sequence[HullRays], contours: Sequence[SilhouetteContours]
 ) -> tuple[list[MedialAxes], np.ndarray]:
@@ -183,10 +205,8 @@ class LimbPoints:
         chosen = [
             _find_points(view, cameras, lags, axes, middle, stature) for view in range(len(cameras))
         ]
-        self._times, self._firsts, self._points, known, self._frames, self._across, self._pixels = (
-            _trace(cameras, lags, axes, chosen)
-        )
-        self._items, self._views = np.nonzero(known)
+        self._traced = _trace(cameras, lags, axes, chosen)
+        self._items, self._views = np.nonzero(self._traced.known)
         if len(self):  # the depths that were tried are steps apart
             held = np.zeros((len(cameras), N_PARAMETERS))
             moved = solve(
@@ -194,10 +214,10 @@ class LimbPoints:
                 {"cameras": held, "limbs": np.zeros((len(self), 3))},
                 steps=3, eliminate=["limbs"], free={"cameras": held > 0},
             ).parameters["limbs"]  # fmt: skip
-            self._points = self._points + moved
+            self._traced = replace(self._traced, points=self._traced.points + moved)
 
     def __len__(self) -> int:
-        return len(self._times)
+        return len(self._traced.times)
 
     def bind(self, shifts: np.ndarray) -> Further:
         """Return the measurements in shifted frames, for `fit_rig`."""
@@ -213,22 +233,22 @@ class LimbPoints:
     ) -> list[Residuals]:
         """Return the residuals, px, across the axes, of points moved by `parameters`, and along the
         axis of the first camera, which fixes the point and tells no camera anything."""
-        items, views = self._items, self._views
-        points = (self._points + parameters["limbs"])[items]
-        share = (self._times[items] + lags[views] - self._frames[items, views])[:, None]
-        before, after = self._pixels[items, views].swapaxes(0, 1)
+        traced, items, views = self._traced, self._items, self._views
+        points = (traced.points + parameters["limbs"])[items]
+        share = (traced.times[items] + lags[views] - traced.frames[items, views])[:, None]
+        before, after = traced.pixels[items, views].swapaxes(0, 1)
         speeds = after - before
         errors, by_camera, by_point = measure_points(
             cameras, views, points, before + share * speeds, speeds
         )
-        across = self._across[items, views]
+        across = traced.across[items, views]
         along = np.stack([-across[:, 1], across[:, 0]], -1)
         away, by_camera, pull = (
             np.einsum("mi,mi...->m...", across, values) for values in (errors, by_camera, by_point)
         )
         both = [Slope("cameras", views, by_camera[:, None]), Slope("limbs", items, pull[:, None])]
         crossing = Residuals(away, both, weights=INDEPENDENT_SHARE, least=NOISE)
-        first = views == self._firsts[items]
+        first = views == traced.firsts[items]
         away, pull = (np.einsum("mi,mi...->m...", along, v)[first] for v in (errors, by_point))
         fixed = Residuals(
             away, [Slope("limbs", items[first], pull[:, None])], sigma=NOISE,
@@ -294,15 +314,8 @@ def _are_alike(first: np.ndarray, second: np.ndarray) -> np.ndarray:
 def _trace(
     cameras: Sequence[Camera], lags: np.ndarray, axes: Sequence[MedialAxes],
     chosen: Sequence[tuple[np.ndarray, np.ndarray]],
-) -> tuple[np.ndarray, ...]:  # fmt: skip
-    """Return the points (S, 3) that were found from each camera and agree, and what all V cameras
-    measure of them, as times, firsts, points, known, frames, across and pixels.
-
-    times: (S,) frames of the first camera. firsts: (S,) the cameras in which they were chosen.
-    known: (S, V) bool. frames: (S, V) the picture before the time. across: (S, V, 2) unit vectors
-    across the axis. pixels: (S, V, 2, 2) on the axis in the pictures before and after, px from the
-    principal point.
-    """
+) -> _Traced:  # fmt: skip
+    """Return what all cameras measure of the points that were found from each of them."""
     firsts = np.repeat(np.arange(len(chosen)), [len(view_axes) for view_axes, _ in chosen])
     indices, points = (np.concatenate(columns) for columns in zip(*chosen, strict=True))
     n, views = len(points), len(cameras)
@@ -342,5 +355,4 @@ def _trace(
     directions = np.linalg.eigh(spread)[1][:, :, 0]
     known &= np.abs(np.einsum("nvi,ni->nv", planes, directions)) < np.sin(_STRAIGHT)
     accepted = (known.sum(axis=1) >= _VIEWS) & known[np.arange(n), firsts]
-    columns = times, firsts, points, known, frames, across, places
-    return tuple(column[accepted] for column in columns)
+    return _Traced(times, firsts, points, known, frames, across, places).select(accepted)
