@@ -32,6 +32,8 @@ _PLACE, _TILT, _BEND = 0.08, 0.15, 0.2
 #: Share by which the cost grows if the person moves backwards, which people seldom do, and the
 #: speed, m/s, from which on that counts: slower, they shift their weight.
 _BACKWARDS, _LEAST_SPEED = 0.5, 0.25
+#: Least angle, rad, between headings that face away from each other.
+_AWAY = 2 * np.pi / 3
 #: Power of the misfit in the cost of single frames: a limb in the air costs little in the pictures;
 #: the voxels show better where it is.
 _MISFIT_POWER = 0.3
@@ -198,6 +200,7 @@ class _Search:
         self.model, self._voxels, self._clouds = ShapeModel(scene.body), voxels, clouds
         self._height = None if keep_shape else height
         self._free = np.full(len(self.model.deviation), not keep_shape)
+        # In m/s, for a start lasts a second.
         self._velocity = (np.median(clouds[-1].points, 0) - np.median(clouds[0].points, 0))[:2]
         self._trackers = Trackers(scene)
 
@@ -219,7 +222,7 @@ class _Search:
                 tracker.start(standing_pose(body, cloud, heading))
                 found.append(self._judge(shape, [tracker.step(self._voxels[frame])]))
                 self.progress()
-            best[frame] = select_distinct(self.body, found, 2 * np.pi / 3)[:2]
+            best[frame] = select_distinct(self.body, found, _AWAY)[:2]
         anchor = min(best, key=lambda frame: best[frame][0].cost)
         return anchor, best[anchor]
 
@@ -335,7 +338,7 @@ def select_distinct(
     kept: list[Hypothesis] = []
     for hypothesis in sorted(hypotheses, key=lambda h: h.cost):
         cosines = [
-            forward(template, np.stack([hypothesis.poses[better.best], better.pose])).prod(0).sum()
+            np.dot(*forward(template, np.stack([hypothesis.poses[better.best], better.pose])))
             for better in kept
         ]
         if all(cosine < np.cos(separation) for cosine in cosines):

@@ -143,8 +143,8 @@ class _Job:
             self.device.finish()
         computed = time.perf_counter()
         if len(self.done) % max(1, self.expected // _COMPARED) == 0:
-            shown = self.prepared.reconstructor.evidence() > 0
-            whole = whole_silhouettes(shown, self._region)
+            silhouettes = self.prepared.reconstructor.evidence() > 0
+            whole = whole_silhouettes(silhouettes, self._region)
             self._beyond.append(share_beyond_volume(whole, self._region))
         colour = self.request.colour and frame.images is not None
         cloud = remove_debris(voxels.cloud(colour=colour), self.request.debris)

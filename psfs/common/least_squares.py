@@ -336,8 +336,7 @@ class _Layout:
     ) -> tuple[scipy.sparse.csc_matrix, np.ndarray]:
         """Return the normal matrix and the gradient that the blocks (N, W, W) and the pulls (N, W)
         of runs of measurements add up to."""
-        places = [self._places[slope.name][slope.items[run]] for slope in slopes]
-        columns, gradient = np.concatenate(places, axis=1), np.zeros(self.size + 1)
+        columns, gradient = self._columns(slopes, run), np.zeros(self.size + 1)
         np.add.at(gradient, columns, pulls)
         both = np.broadcast_arrays(columns[:, :, None], columns[:, None], blocks)
         row, column, entries = (each.ravel() for each in both)
@@ -346,14 +345,22 @@ class _Layout:
         matrix = scipy.sparse.csc_matrix((entries[free], (row[free], column[free])), shape=shape)
         return matrix, gradient[:-1]
 
+    def _columns(
+        self, slopes: Sequence[Slope], rows: np.ndarray | slice = slice(None)
+    ) -> np.ndarray:
+        """Return the columns (M, W) of the Jacobian that some rows of slopes belong to; -1 for
+        parameters that are held."""
+        return np.concatenate(
+            [self._places[slope.name][slope.items[rows]] for slope in slopes], axis=1
+        )
+
     def _rows(self, block: Residuals, roots: np.ndarray) -> scipy.sparse.csr_matrix:
         """Return the weighted rows (M R, size) of the Jacobian."""
         count, width = block.rows.shape
-        places = [self._places[slope.name][slope.items] for slope in block.slopes]
         values = np.concatenate([slope.values for slope in block.slopes], axis=2)
         row, column, entries = np.broadcast_arrays(
             np.arange(count * width).reshape(count, width, 1),
-            np.concatenate(places, axis=1)[:, None],
+            self._columns(block.slopes)[:, None],
             np.nan_to_num(values) * roots[..., None],
         )
         filled = (column >= 0) & (entries != 0)

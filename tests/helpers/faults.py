@@ -94,8 +94,8 @@ def masks_folder(folder: Path, frames: int = 3) -> Path:
     rig = scenes.ring(5, size=(160, 120))
     footage.write_toml(folder / "calibration.toml", footage.tables(rig))
     for camera, mask in zip(rig, scenes.masks_of(rig), strict=True):
-        shown = mask[: camera.size[1], : camera.size[0]]
-        footage.write_masks(folder, camera.name, (shown * np.uint8(k > 0) for k in range(frames)))
+        cropped = mask[: camera.size[1], : camera.size[0]]
+        footage.write_masks(folder, camera.name, (cropped * np.uint8(k > 0) for k in range(frames)))
     return folder
 
 

@@ -54,12 +54,12 @@ def place_cameras_by_board(
     sightings = [s for s in sightings if (s.frame, s.view) in poses]
     seen = {(s.frame, s.view): s for s in sightings}
     relative = {pair: _estimate_relative_pose(pair, cameras, target, seen, poses) for pair in pairs}
-    places = chain_poses(relative)
-    rig = tuple(place_camera(camera, places[view]) for view, camera in enumerate(cameras))
+    camera_poses = chain_poses(relative)
+    rig = tuple(place_camera(camera, camera_poses[view]) for view, camera in enumerate(cameras))
     board_poses: dict[int, np.ndarray] = {}
     ordered: list[Sighting] = []
     for frame, here in group_by_frame(sightings).items():
-        proposed = [np.linalg.inv(places[s.view]) @ poses[frame, s.view] for s in here]
+        proposed = [np.linalg.inv(camera_poses[s.view]) @ poses[frame, s.view] for s in here]
         board_poses[frame], fitting = choose_best_pose(rig, target, here, proposed)
         ordered += fitting
     return CalibrationScene(rig, board_poses), ordered

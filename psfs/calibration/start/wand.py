@@ -47,8 +47,8 @@ def place_cameras_by_wand(
                 f"a {target.name}, the only bright spots that move, and cameras that run together"
             )
         relative[a, b] = pose[0]
-    places = chain_poses(relative)
-    rig = tuple(place_camera(camera, places[view]) for view, camera in enumerate(cameras))
+    camera_poses = chain_poses(relative)
+    rig = tuple(place_camera(camera, camera_poses[view]) for view, camera in enumerate(cameras))
     poses: dict[int, np.ndarray] = {}
     ordered: list[Sighting] = []
     for frame, here in group_by_frame(sightings).items():

@@ -159,8 +159,8 @@ def test_page_tracks_corrects_and_takes_home(page: Page, take: Path, tmp_path: P
     arm = track.joints[1, wrist] - track.joints[1, shoulder]  # may be straight: it is swung
     goal = track.joints[1, shoulder] + Rotation.from_rotvec([0, 0.15, 0]).apply(arm)
     page.correct.move_handle(goal)
-    shown = np.asarray(watch.bodies[next(iter(watch.opened.tracks))].joints.points)[wrist]
-    assert np.linalg.norm(shown - goal) < 0.02  # the limb follows the handle
+    tracked_wrist = np.asarray(watch.bodies[next(iter(watch.opened.tracks))].joints.points)[wrist]
+    assert np.linalg.norm(tracked_wrist - goal) < 0.02  # the limb follows the handle
     page.correct.toggle_handle()
     watch.time_line.seek(2)
     page.correct.mark_bad()

@@ -108,8 +108,8 @@ def test_clutter_and_furniture_accuse_no_camera(monkeypatch: pytest.MonkeyPatch)
     for frame in range(12):
         masks = np.zeros((6, 120, 160), np.uint8)
         for mask, camera in zip(masks, rig, strict=True):
-            shown = scenes.draw_hull(camera, scenes.BLOCK + np.array([0.05 * frame, 0, 0]), 1)
-            mask[: camera.size[1], : camera.size[0]] = shown
+            silhouette = scenes.draw_hull(camera, scenes.BLOCK + np.array([0.05 * frame, 0, 0]), 1)
+            mask[: camera.size[1], : camera.size[0]] = silhouette
         plain.append(masks > 0)
         top = int(np.flatnonzero(masks[1].any(1))[0])
         masks[1, top - 3 : top + 3] = 1
