@@ -25,6 +25,7 @@ def initialise(
     *,
     height: float | None = None,
     keep_shape: bool = False,
+    turned: bool = True,
     seed: int = 0,
     progress: Callable[[], object] | None = None,
 ) -> Start:
@@ -41,7 +42,7 @@ def initialise(
     return find_start(
         Scene(device, sequence.rig, grid, template),
         [store_voxels(device, carve(frame)) for frame in wanted], noise,
-        frames=frames, height=height, keep_shape=keep_shape, seed=seed,
+        frames=frames, height=height, keep_shape=keep_shape, turned=turned, seed=seed,
         progress=progress, config=config,
     )  # fmt: skip
 

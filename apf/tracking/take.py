@@ -343,7 +343,7 @@ def _refit(tried: _Try, progress: Callable[[str], object] | None) -> list[Starte
         starts.append(fitted)
     if load:
         with suppress(StartError):
-            fresh = _start_in(take.session, template, settings, start.frames[0], report)
+            fresh = _start_in(take.session, template, settings, start.frames[0], report, False)
             starts.insert(0, replace(fresh, rival=start.rival, rivals=()))
     return [_begin_with(take, each) for each in starts]
 
@@ -440,14 +440,15 @@ def compare_passes(first: Track, second: Track) -> Track:
 def _find_starts(
     session: Session, settings: TakeSettings, compared: bool, progress: Callable[[], object]
 ) -> list[Start]:
-    """Return starts, sought from the likeliest frames on: `_STARTS` of them if they are `compared`
-    afterwards, else up to the first whose heading is not ambiguous. The least ambiguous one comes
-    first."""
+    """Return starts, sought from the likeliest frames on. If they are `compared` afterwards, these
+    are `_STARTS`, of which the first one has a rival; else all up to the first whose heading is not
+    ambiguous, the least ambiguous one first."""
     starts: list[Start] = []
     failed: StartError | None = None
     for frame in rank_starts(session, progress):
         try:
-            start = _start_in(session, settings.body_template, settings, frame, progress)
+            turned = not (compared and starts)
+            start = _start_in(session, settings.body_template, settings, frame, progress, turned)
         except StartError as error:
             failed = failed or error
             continue
@@ -456,7 +457,7 @@ def _find_starts(
             break
     if not starts:
         raise failed or StartError("no start was tried; expected frames with a person")
-    return sorted(starts, key=lambda start: -start.rival)
+    return starts if compared else sorted(starts, key=lambda start: -start.rival)
 
 
 def _start_in(
@@ -465,11 +466,12 @@ def _start_in(
     settings: TakeSettings,
     frame: int,
     progress: Callable[[], object],
+    turned: bool = True,
 ) -> Start:
-    """Return the start from `frame` on. Raises StartError."""
+    """Return the start from `frame` on, see `find_start`. Raises StartError."""
     return initialise(
         session.with_frames(session.frames[session.frames.index(frame) :]), template,
-        height=settings.height, keep_shape=settings.keep_shape,
+        height=settings.height, keep_shape=settings.keep_shape, turned=turned,
         seed=settings.tracked_method.filter.search.seed, progress=progress,
     )  # fmt: skip
 
