@@ -23,7 +23,6 @@ from apf.formats.trc import JointSeries
 from apf.tracking.people import PeopleTracks
 from apf.tracking.track import Track
 from cl import InputError
-from psfs.common.files import write_json
 from psfs.common.numbers import match_pairs
 
 #: A track whose joints lie farther than this, m, from a true person's on average is not theirs.
@@ -116,9 +115,6 @@ class PeopleEvaluation:
                 )
             ],
         }
-
-    def write_json(self, path: str | Path) -> None:
-        write_json(Path(path), self.summary())
 
 
 def find_followed(track: Track, truth: Mapping[str, JointSeries]) -> str:
