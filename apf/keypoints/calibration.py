@@ -12,12 +12,12 @@ from apf.body.toml import load_body
 from apf.keypoints.keypoints import Keypoints
 from apf.keypoints.landmarks import find_landmarks, locate_points
 from cl import InputError
-from psfs.calibration.scene import CalibrationScene, rigid_transform, turn_to_up
+from psfs.calibration.scene import turn_to_up
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.names import join_names
 from psfs.self_calibration.config import PersonConfig
 from psfs.self_calibration.points.calibrator import PointCalibration, calibrate_by_points
-from psfs.self_calibration.world import fit_floor
+from psfs.self_calibration.world import fit_floor, transform_rig
 
 #: Landmarks that are used, each of both sides. Networks guess faces that are turned away, and put
 #: hips elsewhere in each view.
@@ -88,8 +88,8 @@ def _align(
     middle = np.nanmedian(local.reshape(-1, 3), axis=0)
     floor = np.median(_find_lowest(local[:, ankles])[:, 2]) - standing[names[ankles[0]]][2]
     origin = np.array([*middle[:2], floor])
-    turned = CalibrationScene(tuple(cameras), {}).transform(rigid_transform(R, -origin))
-    return replace(result, rig=CameraRig(turned.cameras), points=local - origin)
+    rig = transform_rig(CameraRig(tuple(cameras)), R, -origin)
+    return replace(result, rig=rig, points=local - origin)
 
 
 def _measure_scale(points: np.ndarray, names: list[str], standing: dict[str, np.ndarray]) -> float:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -65,6 +67,19 @@ def look_along_baseline(
     distance = float(np.linalg.norm(ahead)) if length >= SAME_PLACE else 0.0
     ahead = ahead / max(distance, 1e-12)
     return line, np.stack([ahead, np.cross(line, ahead)], -1), distance
+
+
+def transfer_poses(
+    cameras: Iterable[Camera], before: Iterable[Camera], after: Iterable[Camera]
+) -> CameraRig:
+    """Return cameras with the poses that others have `after` they were found, and with the changes
+    of these ones' focal lengths since `before`."""
+    return CameraRig(
+        tuple(
+            replace(camera.refocused(new.K[0, 0] / old.K[0, 0]), R=new.R, t=new.t)
+            for camera, old, new in zip(cameras, before, after, strict=True)
+        )
+    )
 
 
 def required_cameras(n_cameras: int, share: float, least: int = 1) -> int:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from threading import Event
 
@@ -20,6 +19,7 @@ from psfs.cameras.calibration import find_calibration
 from psfs.cameras.calibration.toml_tables import write_toml_tables
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.names import join_names, match_files_to_cameras
+from psfs.cameras.rig_geometry import transfer_poses
 from psfs.cli.commandline import make_table, progress_bar, remark, stdout, warn
 from psfs.common.files import write_json
 from psfs.common.progress import map_in_threads
@@ -113,17 +113,6 @@ def outline_footage(
             return small, list(outlines), list(edges)
         finally:
             stopped.set()
-
-
-def transfer_poses(cameras: list[Camera], before: list[Camera], found: CameraRig) -> CameraRig:
-    """Return cameras with the poses, and the changes of focal lengths, that others had `before`
-    and as they were found."""
-    return CameraRig(
-        tuple(
-            replace(camera.refocused(after.K[0, 0] / own.K[0, 0]), R=after.R, t=after.t)
-            for camera, own, after in zip(cameras, before, found, strict=True)
-        )
-    )
 
 
 def write_person_calibration(

@@ -51,7 +51,12 @@ from psfs.self_calibration.search import (
     place_cameras,
 )
 from psfs.self_calibration.take import Outlines, PersonTake, check_seen
-from psfs.self_calibration.world import align_to_person, level_rig, measure_path
+from psfs.self_calibration.world import (
+    align_to_person,
+    level_rig,
+    measure_path,
+    measure_places,
+)
 
 #: Arrangements from the search that are adjusted, and those of these that are adjusted further, and
 #: places of one camera that are tried.
@@ -226,7 +231,7 @@ def _make_calibration(
     check_uncertainty(best, turns, moves, points)
     touched = points.find_all(best.rig.cameras, best.shifts, LAST_GATE)
     rig, levelled = align(best, touched)
-    path = measure_path(rig, touched)
+    path = measure_path(measure_places(rig, touched)[1])
     return PersonCalibration(
         rig, best.lags, best.last.residual, best.last.count, misfits, path, levelled, turns, moves
     )

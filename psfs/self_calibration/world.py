@@ -70,12 +70,13 @@ def level_rig(
     rig = adjusted.rig
     up = fit_vertical(rig, edges, np.array([0.0, 0.0, 1.0]))
     if up is not None:
-        rig = _transform(rig, turn_to_up(up, np.array([1.0, 0.0, 0.0])), np.zeros(3))
+        rig = transform_rig(rig, turn_to_up(up, np.array([1.0, 0.0, 0.0])), np.zeros(3))
     floor = measure_floor(rig, person.contours, adjusted.shifts, *measure_places(rig, points))
-    return _transform(rig, np.eye(3), np.array([0.0, 0.0, -floor])), up is not None
+    return transform_rig(rig, np.eye(3), np.array([0.0, 0.0, -floor])), up is not None
 
 
-def _transform(rig: CameraRig, R: np.ndarray, shift: np.ndarray) -> CameraRig:
+def transform_rig(rig: CameraRig, R: np.ndarray, shift: np.ndarray) -> CameraRig:
+    """Return the rig in another world, x' = R x + shift."""
     return CameraRig(CalibrationScene(rig.cameras, {}).transform(rigid_transform(R, shift)).cameras)
 
 
@@ -91,7 +92,7 @@ def _place(
     lowest = np.median(low[:, 2]) if floor is None else floor
     factor = stature / (np.percentile(top[:, 2], _STANDING) - lowest)
     origin = np.array([*np.median(places[:, :2], axis=0), lowest])
-    turned = _transform(rig, R, -origin)
+    turned = transform_rig(rig, R, -origin)
     return CameraRig(tuple(replace(camera, t=camera.t * factor) for camera in turned))
 
 
@@ -124,10 +125,9 @@ def measure_places(rig: CameraRig, points: FrontierPoints) -> tuple[np.ndarray, 
     return frames, np.array(middles).reshape(-1, 2)
 
 
-def measure_path(rig: CameraRig, points: FrontierPoints) -> float:
-    """Return the standard deviation of the person's places on the floor along the direction in
-    which it is greatest, m."""
-    _, places = measure_places(rig, points)
+def measure_path(places: np.ndarray) -> float:
+    """Return the standard deviation of the person's places (F, 2) on the floor along the direction
+    in which it is greatest, m."""
     return float(np.sqrt(np.linalg.eigvalsh(np.cov(places.T))[-1])) if len(places) > 1 else 0.0
 
 
