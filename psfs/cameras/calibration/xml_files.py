@@ -63,40 +63,13 @@ def looks_like_qualisys(text: str) -> bool:
     return text.lstrip().startswith("<") and "<calibration" in text[:2000]
 
 
-def read_qualisys(path: Path, unit: Unit | None) -> Calibration:
-    """Read the cameras, named by their serial numbers. Millimetres unless `unit` says otherwise.
+def read_xml(path: Path, unit: Unit | None) -> Calibration:
+    """Read the calibration of one of `_PROGRAMS`, in the unit of the program unless `unit` says
+    otherwise. Cameras are named by their attribute of the table; if some film, those are read.
 
     Raises InputError naming file, camera and attribute.
     """
-    layout = replace(OPENGL_POSES, program="", unit="mm")
-    return _read_cameras(path, "cameras/camera", "serial", _parse_qualisys, layout, unit)
-
-
-def read_optitrack(path: Path, unit: Unit | None) -> Calibration:
-    """Read the cameras, named by their serial numbers, in natural order; of colour cameras (C...)
-    and others those for colour. Metres unless `unit` says otherwise.
-
-    Raises InputError naming file, camera and attribute.
-    """
-    return _read_cameras(path, ".//Camera", "Serial", _parse_optitrack, OPENGL_POSES, unit)
-
-
-def read_vicon(path: Path, unit: Unit | None) -> Calibration:
-    """Read the cameras, named by their DEVICEID, in natural order. Millimetres unless `unit` says
-    otherwise.
-
-    Raises InputError naming file, camera and attribute.
-    """
-    layout = replace(PLAIN, program="Vicon", unit="mm")
-    placed = "Camera/KeyFrames/KeyFrame/../.."
-    return _read_cameras(path, placed, "DEVICEID", _parse_vicon, layout, unit)
-
-
-def _read_cameras(
-    path: Path, tag: str, key: str, parse: Callable[[ElementTree.Element, str], dict[str, Any]],
-    layout: Layout, unit: Unit | None,
-) -> Calibration:  # fmt: skip
-    """Read the elements `tag`, named by their attribute `key`; if some film, those."""
+    tag, key, parse, layout = _PROGRAMS.get(path.suffix.lower(), _PROGRAMS[QUALISYS])
     text = read_text(path, _find_encoding(path))
     with name_file_in_errors(path):
         elements = parse_xml(text, f"XML with {tag}").findall(tag)
@@ -201,3 +174,17 @@ def _parse_vicon(element: ElementTree.Element, what: str) -> dict[str, Any]:
         "t": -R @ pose[4:],
         "size": _read_numbers(element, ["SENSOR_SIZE"], 2, what),
     }
+
+
+#: The cameras' elements, the attribute with their name, what parses one and what a record has
+#: where, by the ending of a program's files.
+_PROGRAMS: dict[str, tuple[str, str, Callable[..., dict[str, Any]], Layout]] = {
+    QUALISYS: (
+        "cameras/camera", "serial", _parse_qualisys, replace(OPENGL_POSES, program="", unit="mm")
+    ),
+    OPTITRACK: (".//Camera", "Serial", _parse_optitrack, OPENGL_POSES),
+    VICON: (
+        "Camera/KeyFrames/KeyFrame/../..", "DEVICEID", _parse_vicon,
+        replace(PLAIN, program="Vicon", unit="mm"),
+    ),
+}  # fmt: skip
