@@ -149,6 +149,25 @@ def cell_rays(rig: CameraRig) -> np.ndarray:
     return rays
 
 
+def floor_points(rig: CameraRig, height: float) -> np.ndarray:
+    """Return x and y (V, rows, columns, 2), m, of the point of the floor at `height`, m, in the
+    middle of each cell; NaN where it shows no floor, and everywhere for a height that is NaN.
+
+    The floor is the circle around the point that the cameras look at, with the distance of the
+    farthest camera as its radius.
+    """
+    middle = intersect_axes(rig)[:2]
+    radius = np.linalg.norm(rig.centres[:, :2] - middle, axis=1).max()
+    points = np.full((len(rig), *cells(rig), 2), np.nan)
+    for view_points, camera, rays in zip(points, rig, cell_rays(rig), strict=True):
+        with np.errstate(divide="ignore", invalid="ignore"):
+            distance = (height - camera.centre[2]) / rays[..., 2]
+            hits = camera.centre[:2] + distance[..., None] * rays[..., :2]
+            inside = (np.linalg.norm(hits - middle, axis=-1) < radius) & (distance > 0)
+        view_points[inside] = hits[inside]
+    return points
+
+
 def voxel_footprints(rig: CameraRig, voxel_size: float) -> np.ndarray:
     """Return half the width and height (V, 2) of a projected voxel times its depth, px m.
 

@@ -81,6 +81,10 @@ def run(request: CalibrateRequest) -> None:
     with output_folder(request.output, request.COMMAND, inputs, expected):
         if not request.person:
             request.refuse(_OF_PERSON, "applies only to a person; expected --person with it")
+        if not request.refine:
+            request.refuse(
+                ["calibration"], "applies only to given cameras; expected --refine with it"
+            )
         if request.refine:
             request.refuse(
                 _OF_TARGETS, "applies only to boards and wands; expected none with --refine"
@@ -89,15 +93,9 @@ def run(request: CalibrateRequest) -> None:
         elif request.person:
             unused = [flag for flag in _OF_TARGETS if flag != "intrinsics"]
             request.refuse(unused, "applies only to boards and wands; expected none with --person")
-            request.refuse(
-                ["calibration"], "applies only to given cameras; expected --refine with it"
-            )
             request.refuse(["sync"], "is found from the person; expected none with --person")
             calibrate_from_person(request)
         else:
-            request.refuse(
-                ["calibration"], "applies only to given cameras; expected --refine with it"
-            )
             _calibrate(request)
 
 

@@ -14,12 +14,11 @@ from psfs.background.chroma_key import ChromaKey, key_launch
 from psfs.background.config import BackgroundConfig
 from psfs.background.light import light_launch, sampled_scene, steady_light
 from psfs.cameras.camera import BLOCK, CameraRig
-from psfs.cameras.rig_geometry import CELL, cells
+from psfs.cameras.rig_geometry import CELL, cells, floor_points
 from psfs.common.progress import map_in_threads
 from psfs.common.ranges import check_stack
 from psfs.silhouettes.appearance import BINS, Foreground, ForegroundPrior
 from psfs.silhouettes.config import PIXEL, SPAN, SilhouetteConfig
-from psfs.silhouettes.floor_shadow import floor_points
 from psfs.silhouettes.hidden import hide_launch
 
 if TYPE_CHECKING:
@@ -138,7 +137,8 @@ class Silhouette:
         shade = device.empty((len(rig), rows + 2, columns + 2), np.uint8, "the floor's light")
         light = device.to_device(steady_light(len(rig)), "the light")
         cameras = device.to_device(rig.packed(), "the cameras")
-        floor = device.to_device(floor_points(rig, config.floor).astype(np.float32), "the floor")
+        points = floor_points(rig, config.floor.seen_height).astype(np.float32)
+        floor = device.to_device(points, "the floor")
         if config.appearance.learn:
             self.foreground = Foreground(device, rig, config, self.input, self.evidence, prior)
         luma = device.empty((len(rig), rig.height, rig.width), np.uint8, "the pictures' luma")
