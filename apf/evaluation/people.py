@@ -7,7 +7,6 @@ data set for multi-target, multi-camera tracking, ECCV Workshops 2016.
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -23,7 +22,7 @@ from apf.formats.trc import JointSeries
 from apf.tracking.people import PeopleTracks
 from apf.tracking.track import Track
 from cl import InputError
-from psfs.common.numbers import match_pairs
+from psfs.common.numbers import known_means, match_pairs
 
 #: A track whose joints lie farther than this, m, from a true person's on average is not theirs.
 MATCHED = 0.5
@@ -204,9 +203,7 @@ def _points(
 
 def _apart(person: np.ndarray, track: np.ndarray) -> np.ndarray:
     """Return the mean distance (F,), m, of the joints that both have, infinite without any."""
-    with warnings.catch_warnings():  # a frame that lacks one of them
-        warnings.simplefilter("ignore", RuntimeWarning)
-        mean = np.nanmean(np.linalg.norm(person - track, axis=-1), axis=-1)
+    mean = known_means(np.linalg.norm(person - track, axis=-1), axis=-1)
     return np.where(np.isfinite(mean), mean, np.inf)
 
 
