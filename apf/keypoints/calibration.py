@@ -98,13 +98,10 @@ def _measure_scale(points: np.ndarray, names: list[str], standing: dict[str, np.
     lengths = [float(np.linalg.norm(_measure_up(points, names)))]
     ends = [standing[f"l_{name}"] for name in ("shoulder", "ankle")]
     wanted = [float((ends[0] - ends[1])[2])]
-    for side in "lr":
-        for pair in _SEGMENTS:
-            sided = [f"{side}_{name}" for name in pair]
-            if set(sided) <= set(names):
-                a, b = (points[:, names.index(end)] for end in sided)
-                lengths.append(float(np.nanmedian(np.linalg.norm(a - b, axis=-1))))
-                wanted.append(float(np.linalg.norm(standing[sided[0]] - standing[sided[1]])))
+    for a, b in _find_segments(names):
+        apart = np.linalg.norm(points[:, a] - points[:, b], axis=-1)
+        lengths.append(float(np.nanmedian(apart)))
+        wanted.append(float(np.linalg.norm(standing[names[a]] - standing[names[b]])))
     return sum(wanted) / sum(lengths)
 
 
