@@ -307,6 +307,12 @@ class CameraRig:
     def scaled(self, factor: float) -> CameraRig:
         return CameraRig(tuple(camera.scaled(factor) for camera in self.cameras))
 
+    def crop(self, stack: np.ndarray | None) -> list[np.ndarray]:
+        """Return the pictures (h, w, ...) in a stack (V, height, width, ...), which must not be
+        None, without the padding."""
+        assert stack is not None
+        return [p[: c.size[1], : c.size[0]] for p, c in zip(stack, self, strict=True)]
+
     def factor_within(self, longest: int) -> float:
         """Return the factor, at most 1, at which no picture is longer than `longest` px."""
         return min(1.0, longest / max(self.width, self.height))
@@ -324,20 +330,19 @@ class CameraRig:
         if all(camera.hidden is None for camera in self):
             return None
         maps = np.zeros((len(self), self.height, self.width), bool)
-        for hidden, camera in zip(maps, self, strict=True):
+        for hidden, camera in zip(self.crop(maps), self, strict=True):
             if camera.hidden is not None:
-                hidden[: camera.size[1], : camera.size[0]] = camera.hidden
+                hidden[...] = camera.hidden
         return maps
 
     def with_hidden(self, maps: np.ndarray | None) -> CameraRig:
         """Return the same cameras with the hidden pixels of maps (V, height, width) bool."""
         if maps is None:
             return CameraRig(tuple(replace(camera, hidden=None) for camera in self))
-        cut = [hidden[: c.size[1], : c.size[0]] for hidden, c in zip(maps, self, strict=True)]
         return CameraRig(
             tuple(
                 replace(camera, hidden=hidden.copy() if hidden.any() else None)
-                for camera, hidden in zip(self, cut, strict=True)
+                for camera, hidden in zip(self, self.crop(maps), strict=True)
             )
         )
 

@@ -25,7 +25,6 @@ from psfs.calibration.targets.board_files import read_board
 from psfs.calibration.targets.boards import CharucoFinder, ChessboardFinder
 from psfs.calibration.targets.detection import (
     Finder,
-    crop_pictures,
     find_hint,
     find_sightings,
     median_pictures,
@@ -299,7 +298,7 @@ def _write_pictures(
     """Write a picture per camera: its detected points, drawn over its picture of the frame with the
     most detections."""
     frames = [sighting.frame // result.target.boards for sighting in result.sightings]
-    shown = crop_pictures(views.read(max(set(frames), key=frames.count)), views.rig)
+    shown = views.rig.crop(views.read(max(set(frames), key=frames.count)).images)
     for view, picture in zip(found, shown, strict=True):
         write_view(folder / f"{view.camera.name}.png", view, picture)
 
