@@ -11,6 +11,7 @@ import numpy as np
 from psfs.calibration.scene import CalibrationScene, rigid_transform, turn_to_up
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.triangulation import intersect_rays
+from psfs.cameras.units import scale_rig
 from psfs.common.least_squares import Parameters, Residuals, Slope, prior, solve
 from psfs.common.numbers import pick_evenly
 from psfs.diagnostics.frontier import FrontierPoints, SilhouetteContours, trace_points
@@ -93,7 +94,7 @@ def _place(
     factor = stature / (np.percentile(top[:, 2], _STANDING) - lowest)
     origin = np.array([*np.median(places[:, :2], axis=0), lowest])
     turned = transform_rig(rig, R, -origin)
-    return CameraRig(tuple(replace(camera, t=camera.t * factor) for camera in turned))
+    return scale_rig(turned, factor)
 
 
 def fit_floor(low: np.ndarray, up: float = _UP) -> np.ndarray:
