@@ -14,8 +14,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from apf.body.angles import rotation_between, standing_axes
-from apf.body.kinematics import bone_matrices, posed_joints
+from apf.body.angles import rotation_between, standing_axes, standing_joints
+from apf.body.kinematics import bone_matrices
 from apf.body.markers import virtual_markers
 from apf.body.model import BodyModel, Joint, find_side, sideless
 from psfs.common.numbers import FROM_Y_UP
@@ -157,10 +157,9 @@ def _rest_attitude(body: BodyModel) -> np.ndarray:
 
     There the body has all its angles at 0 and its arms turned outwards, facing along Z with Y up.
     """
-    upright = np.zeros((1, body.n_dof))
-    rotations = bone_matrices(body, upright)[0][0].copy()
+    rotations = bone_matrices(body, np.zeros((1, body.n_dof)))[0][0].copy()
     forward, up, right = standing_axes(body).T
-    places = dict(zip(body.joint_names, posed_joints(body, upright)[0], strict=True))
+    places = standing_joints(body)
     for side, outwards in (("l", -right), ("r", right)):
         shoulder, elbow = f"{side}_shoulder", f"{side}_elbow"
         if {shoulder, elbow} <= set(places):

@@ -141,7 +141,9 @@ def adjust_calibration(
 
 def _find_rig(take: PersonTake, rate: float, config: PersonConfig, track: Track) -> Adjusted | None:
     """Return the rig that fits best, searched or grown."""
-    core = choose_core(take.points)
+    # Arrangements are compared by the cameras that see the whole person in most pictures.
+    order = np.argsort(np.negative(take.points.whole), kind="stable")
+    core = [int(view) for view in order[:CORE]]
     ranked = _rank_starts(_search(take, core, track), take, core, track)
     first = [adjust_frontier(rig, take.points) for rig in ranked]
     candidates = [rig for rig in first if rig is not None]
@@ -160,13 +162,6 @@ def _find_rig(take: PersonTake, rate: float, config: PersonConfig, track: Track)
             rival = _refine_finely(rival, take.points, take.edges, take.find_up)
             check_unambiguous(best, rival, take.points, rate)
     return best
-
-
-def choose_core(points: PersonPoints) -> list[int]:
-    """Return the cameras by which arrangements are compared: those that see the whole person in
-    most pictures, the best first."""
-    order = np.argsort(np.negative(points.whole), kind="stable")
-    return [int(view) for view in order[:CORE]]
 
 
 def _search(take: PersonTake, core: Sequence[int], track: Track) -> ArrangementSearch:

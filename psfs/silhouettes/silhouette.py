@@ -102,19 +102,14 @@ class Silhouette:
         mapped = {"ratios": ratios, "sizes": self._sizes, "table": table}
         mapped["evidence"] = self.evidence
         plain = not scene or not (config.rim.on or config.smoothing.reach)
-        shown = None if plain else self._foreground_spans()
+        # Which spans of pixels show foreground; the border is and stays 0.
+        spans = (len(rig), cells(rig)[0] + 2, -(-rig.width // SPAN) + 2)
+        shown = None if plain else device.zeros(spans, np.uint8, "the foreground's spans")
         launches = [
             *before,
             self._launch("silhouette", "silhouette", self._packs(), **mapped, shown=shown),
         ]
         return launches if shown is None else [*launches, *self._rims(scene, mapped, shown)]
-
-    def _foreground_spans(self) -> Array:
-        """Return an array (V, rows + 2, spans + 2) for which spans of pixels show foreground; its
-        border is and stays 0."""
-        rows, _ = cells(self.rig)
-        shape = (len(self.rig), rows + 2, -(-self.rig.width // SPAN) + 2)
-        return self.device.zeros(shape, np.uint8, "the foreground's spans")
 
     def _before_scene(
         self, background: Background, ratios: Array

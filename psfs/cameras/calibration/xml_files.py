@@ -50,9 +50,9 @@ from psfs.common.files import parse_xml
 from psfs.common.reading import open_input
 
 QUALISYS, OPTITRACK, VICON = ".qca.txt", ".mcal", ".xcp"
-#: Units of Qualisys' sensor per pixel.
+#: Units of Qualisys' sensor per pixel, and its names of a rotation's numbers by rows.
 SUBPIXELS = 64
-_MATRIX = [f"r{row}{column}" for row in (1, 2, 3) for column in (1, 2, 3)]
+MATRIX = [f"r{row}{column}" for row in (1, 2, 3) for column in (1, 2, 3)]
 _LENS = ("HorizontalFocalLength", "VerticalFocalLength", "LensCenterX", "LensCenterY")
 #: Marks of UTF-16, which may be absent.
 _MARKS = (b"\xff\xfe", b"\xfe\xff")
@@ -121,7 +121,7 @@ def _parse_qualisys(element: ElementTree.Element, what: str) -> dict[str, Any]:
     if element.get("viewrotation", "0") != "0":
         turned = element.get("viewrotation")
         raise InputError(f"{what}: viewrotation is {turned}; expected 0")
-    pose = _read_numbers(element.find("transform"), [*_MATRIX, *"xyz"], 12, f"{what}: transform")
+    pose = _read_numbers(element.find("transform"), [*MATRIX, *"xyz"], 12, f"{what}: transform")
     focal = ("focalLengthU", "focalLengthV", "centerPointU", "centerPointV")
     bend = [f"{kind}Distortion{k}" for kind in ("radial", "tangental") for k in (1, 2)]
     values = _read_numbers(lens, [*focal, *bend], 8, f"{what}: intrinsic")
