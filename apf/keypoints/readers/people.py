@@ -142,14 +142,13 @@ def _find_reader(paths: Sequence[Path]) -> Callable[[Path], list[np.ndarray]] | 
     """Return what reads a camera's files, by the first with somebody; None if none fits."""
     if paths[0].suffix == _LABELS:
         return _parse_labels if _parse_labels(paths[0]) else None
-    fitting = None
+    fits = []
     for path in paths:
         content = _read_picture(path)
         fits = [layout for layout in LAYOUTS if layout.list_persons(content) is not None]
-        fitting = fits[0] if fits else None
         if fits or content != []:  # MMPose's list of nobody
             break
-    return fitting and (lambda path: _parse_persons(path, _read_picture(path), fitting))
+    return (lambda path: _parse_persons(path, _read_picture(path), fits[0])) if fits else None
 
 
 def _parse_labels(path: Path) -> list[np.ndarray]:
