@@ -15,8 +15,6 @@ from psfs.cli.commandline import remark
 from psfs.cli.person import (
     open_person_footage,
     outline_footage,
-    read_lenses,
-    read_person_config,
     write_person_calibration,
 )
 from psfs.common.outputs import output_folder
@@ -41,11 +39,7 @@ def run(request: CalibrateRequest) -> None:
 
 
 def _calibrate(request: CalibrateRequest) -> None:
-    config = read_person_config(request)
-    views = open_person_footage(request)
-    large, kept = read_lenses(request, views)
-    if not kept:
-        config = config.free_lenses()
+    views, large, config = open_person_footage(request)
     keypoints = Keypoints.open(request.keypoints or "", views)
     for note in keypoints.notes:
         remark("note", "cyan", note)

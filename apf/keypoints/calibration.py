@@ -83,8 +83,7 @@ def _align(
     R = turn_to_up(_measure_up(points, names), rig[0].R[0])
     ankles = [k for k, name in enumerate(names) if name.endswith("_ankle")]
     low = _find_lowest(points[:, ankles] @ R.T)
-    slope = fit_floor(low, _LEAN)
-    R = turn_to_up(R.T @ np.array([-slope[0], -slope[1], 1.0]), rig[0].R[0])
+    R = turn_to_up(R.T @ fit_floor(low, _LEAN), rig[0].R[0])
     local = points @ R.T
     middle = np.nanmedian(local.reshape(-1, 3), axis=0)
     floor = np.median(_find_lowest(local[:, ankles])[:, 2]) - standing[names[ankles[0]]][2]

@@ -54,8 +54,7 @@ def align_to_person(
     stature = config.stature
     rig = _place(adjusted.rig, take.find_up(adjusted.rig), points, stature)
     low, _ = _frame_extremes(triangulate_points(rig, points), points.frames)
-    slope = fit_floor(low)
-    rig = _place(rig, np.array([-slope[0], -slope[1], 1.0]), points, stature)
+    rig = _place(rig, fit_floor(low), points, stature)
     rig, levelled = level_rig(replace(adjusted, rig=rig), take.points, take.edges, points)
     return _place(rig, np.array([0.0, 0.0, 1.0]), points, stature, floor=0.0), levelled
 
@@ -98,7 +97,7 @@ def _place(
 
 
 def fit_floor(low: np.ndarray, up: float = _UP) -> np.ndarray:
-    """Return the rise of the floor (2,), m per m along x and y, below the lowest places (F, 3).
+    """Return the floor's up (3,), of z 1, below the lowest places (F, 3).
 
     up: standard deviation of the given up, rad. Where two cameras did not see the feet, hands or
     knees are lowest: robust least squares leave these out.
@@ -114,8 +113,8 @@ def fit_floor(low: np.ndarray, up: float = _UP) -> np.ndarray:
         return [away, prior("floor", parameters["floor"], np.array([[up, up, np.inf]]))]
 
     start = np.array([[0.0, 0.0, np.median(low[:, 2])]])
-    slope: np.ndarray = solve(evaluate, {"floor": start}).parameters["floor"][0, :2]
-    return slope
+    rise = solve(evaluate, {"floor": start}).parameters["floor"][0, :2]
+    return np.append(-rise, 1.0)
 
 
 def measure_places(rig: CameraRig, points: FrontierPoints) -> tuple[np.ndarray, np.ndarray]:
