@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from apf.evaluation.evaluate import Evaluation, evaluate, list_warnings
-from apf.evaluation.joint_names import evaluated_joints
+from apf.evaluation.joint_names import EVALUATED_JOINTS, evaluated_joints
 from apf.evaluation.truth import load_people_truth
 from apf.formats.trc import JointSeries
 from apf.tracking.people import PeopleTracks
@@ -195,7 +195,7 @@ def _points(
     names: Sequence[str], joints: np.ndarray, of: np.ndarray, frames: np.ndarray
 ) -> np.ndarray:
     """Return the joints (F, 15, 3) that are compared in each of `frames`, NaN where missing."""
-    points = np.full((len(frames), *evaluated_joints(names, joints[:1])[0].shape[1:]), np.nan)
+    points = np.full((len(frames), len(EVALUATED_JOINTS), 3), np.nan)
     _, rows, at = np.intersect1d(frames, of, return_indices=True)
     points[rows] = evaluated_joints(names, joints[at])[0]
     return points

@@ -171,12 +171,12 @@ def _add_animation(file: _File, skeleton: Skeleton, motion: BodyMotion) -> None:
     rotations, positions = skeleton.motion(motion.body, motion.poses)
     points = motion.points
     times = file.add((points.times - points.times[0]).astype(np.float32), "SCALAR")
-    lost = [int(frame) for frame in points.frames[motion.lost]]
     limbs = {
-        name: [int(frame) for frame in points.frames[column]]
+        name: points.frames[column].tolist()
         for name, column in zip(limb_names(motion.body), motion.lost_limbs.T, strict=True)
         if column.any()
     }
+    lost = points.frames[motion.lost].tolist()
     extras = {"lost_frames": lost, "lost_limbs": limbs, "note": points.note}
     samplers: list[dict[str, Any]] = []
     channels = []
