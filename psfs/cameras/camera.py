@@ -222,9 +222,9 @@ class Camera:
         """Return the camera for a picture that `scale_picture` resizes by `factor` (pixel centres
         stay at integers)."""
         K = self.K.copy()
-        K[0, 2], K[1, 2] = K[0, 2] + 0.5, K[1, 2] + 0.5
+        K[:2, 2] += 0.5
         K[:2] *= factor
-        K[0, 2], K[1, 2] = K[0, 2] - 0.5, K[1, 2] - 0.5
+        K[:2, 2] -= 0.5
         size = (round(self.size[0] * factor), round(self.size[1] * factor))
         hidden = self.hidden
         if hidden is not None:
@@ -337,14 +337,11 @@ class CameraRig:
 
     def with_hidden(self, maps: np.ndarray | None) -> CameraRig:
         """Return the same cameras with the hidden pixels of maps (V, height, width) bool."""
-        if maps is None:
-            return CameraRig(tuple(replace(camera, hidden=None) for camera in self))
-        return CameraRig(
-            tuple(
-                replace(camera, hidden=hidden.copy() if hidden.any() else None)
-                for camera, hidden in zip(self, self.crop(maps), strict=True)
-            )
-        )
+        hidden: list[np.ndarray | None] = [None] * len(self)
+        if maps is not None:
+            hidden = [own.copy() if own.any() else None for own in self.crop(maps)]
+        pairs = zip(self, hidden, strict=True)
+        return CameraRig(tuple(replace(camera, hidden=own) for camera, own in pairs))
 
     @property
     def blur(self) -> float:

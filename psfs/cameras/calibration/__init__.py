@@ -87,11 +87,8 @@ def find_calibration(folder: Path) -> Path | None:
             names = ", ".join(path.name for path in files)
             raise InputError(f"{folder}: several calibrations ({names}); choose by `calibration`")
     models = ((folder / f"{name}{ending}" for name in ("cameras", "images")) for ending in _MODELS)
-    if any(all(path.is_file() for path in model) for model in models):
-        return folder
-    if any(folder.glob("*.pa")):
-        return folder
-    return None
+    whole = any(all(path.is_file() for path in model) for model in models)
+    return folder if whole or any(folder.glob("*.pa")) else None
 
 
 def read_calibration(

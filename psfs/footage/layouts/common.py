@@ -110,7 +110,7 @@ def assign_pictures(
 
 
 def assemble(
-    calibrated: CameraRig,
+    calibrated: Calibration,
     settings: SequenceSettings,
     kinds: Mapping[str, tuple[Found, Path]],
     extras: bool = False,
@@ -129,8 +129,7 @@ def assemble(
             media[kind], said = assign_pictures(calibrated, found, where, settings, more)
             remarks += said
     rig = choose_cameras(calibrated, settings)
-    unit = getattr(calibrated, "unit", "m")
-    return Footage(rig, unit, notes=remarks, late=late or {}, **media)
+    return Footage(rig, calibrated.unit, notes=remarks, late=late or {}, **media)
 
 
 def choose_cameras(rig: CameraRig, settings: SequenceSettings) -> CameraRig:
