@@ -335,11 +335,9 @@ class CameraRig:
                 hidden[...] = camera.hidden
         return maps
 
-    def with_hidden(self, maps: np.ndarray | None) -> CameraRig:
+    def with_hidden(self, maps: np.ndarray) -> CameraRig:
         """Return the same cameras with the hidden pixels of maps (V, height, width) bool."""
-        hidden: list[np.ndarray | None] = [None] * len(self)
-        if maps is not None:
-            hidden = [own.copy() if own.any() else None for own in self.crop(maps)]
+        hidden = [own.copy() if own.any() else None for own in self.crop(maps)]
         pairs = zip(self, hidden, strict=True)
         return CameraRig(tuple(replace(camera, hidden=own) for camera, own in pairs))
 

@@ -51,15 +51,13 @@ class PointCalibration:
     """Cameras found from keypoints, in axes and a unit of their own.
 
     rig: the cameras. lags: (V,) frame t of the first camera shows the time of frame t + lags[v] of
-    camera v. points: (F, K, 3) of the frames `frames` (F,) of the first camera; NaN where less than
-    two cameras see one. errors: (V,) px, median distance of each camera's keypoints from where the
-    points appear.
+    camera v. points: (F, K, 3) of F frames of the first camera; NaN where less than two cameras see
+    one. errors: (V,) px, median distance of each camera's keypoints from where the points appear.
     """
 
     rig: CameraRig
     lags: np.ndarray
     points: np.ndarray
-    frames: np.ndarray
     errors: np.ndarray
 
 
@@ -187,4 +185,4 @@ def _finish(
         )
     placed = transfer_poses(cameras, cameras, scene.cameras)
     points = scene.points.reshape(len(frames), -1, 3)
-    return PointCalibration(placed, lags + scene.lags, points, frames, medians)
+    return PointCalibration(placed, lags + scene.lags, points, medians)
