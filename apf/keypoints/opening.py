@@ -112,7 +112,7 @@ def _read_folder(base: Path, roots: Sequence[Path]) -> RawKeypoints:
         (p for p in here if p.suffix == ".npy"), key=lambda path: natural_key(path.stem)
     )
     if arrays:
-        return read_arrays(base, arrays)
+        return read_arrays(base, {path.stem: path for path in arrays})
     tables = [path for path in sorted(here) if path.is_file() and is_deeplabcut(path)]
     if tables:
         return read_deeplabcut(base, tables)

@@ -180,19 +180,19 @@ def voxel_footprints(rig: CameraRig, voxel_size: float) -> np.ndarray:
 
 def pixel_boxes(
     camera: Camera, centres: np.ndarray, footprint: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Find the pixel box that each voxel around `centres` (N, 3) m covers in the picture.
 
-    Returns, for the K voxels that are visible, their indices (K,), first column and row (K, 2),
-    last column and row + 1 (K, 2), and depths (K,) m. footprint: (2,), one row of
-    `voxel_footprints`. A voxel covers at least the nearest pixel, however small it is.
+    Returns, for the K voxels that are visible, first column and row (K, 2), last column and row + 1
+    (K, 2), and depths (K,) m. footprint: (2,), one row of `voxel_footprints`. A voxel covers at
+    least the nearest pixel, however small it is.
     """
     pixels, depth = camera.project(centres)
-    front = np.flatnonzero(depth > 0)
+    front = depth > 0
     pixels, depth = pixels[front], depth[front]
     half, nearest = footprint / depth[:, None], np.floor(pixels + 0.5)
     low = np.maximum(np.minimum(np.ceil(pixels - half), nearest), 0)
     last = np.maximum(np.floor(pixels + half), nearest)
     end = np.minimum(last + 1, np.array(camera.size, float))
     hit = (low < end).all(1)
-    return front[hit], low[hit].astype(int), end[hit].astype(int), depth[hit]
+    return low[hit].astype(int), end[hit].astype(int), depth[hit]
