@@ -236,11 +236,9 @@ def _read_corrections(request: TrackingRequest) -> tuple[Corrections, Track] | N
         raise InputError(f"--people is {request.people}; expected 1 with --corrections")
     corrections = read_corrections(request.corrections)
     track = Track.open(corrections.track)
-    try:
+    with name_file_in_errors(request.corrections):
         corrections.check(track)
         _ = track.its_body
-    except InputError as error:
-        raise InputError(f"{request.corrections}: {error}") from None
     summary = read_summary(corrections.track)
     if summary.get("people", 1) > 1:
         raise InputError(
