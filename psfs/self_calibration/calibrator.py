@@ -103,12 +103,9 @@ def calibrate_by_person(
     """
     check_number_of_cameras(len(cameras))
     take = PersonTake.create(cameras, outlines, edges, rate, config)
-    best = _find_rig(take, rate, config, track)
+    best = _find_rig(take, rate, track)
     return _make_calibration(
-        best,
-        take.points,
-        rate,
-        lambda adjusted, touched: align_to_person(adjusted, take, touched, config),
+        best, take.points, rate, lambda adjusted, touched: align_to_person(adjusted, take, touched)
     )
 
 
@@ -139,7 +136,7 @@ def adjust_calibration(
     )
 
 
-def _find_rig(take: PersonTake, rate: float, config: PersonConfig, track: Track) -> Adjusted | None:
+def _find_rig(take: PersonTake, rate: float, track: Track) -> Adjusted | None:
     """Return the rig that fits best, searched or grown."""
     # Arrangements are compared by the cameras that see the whole person in most pictures.
     order = np.argsort(np.negative(take.points.whole), kind="stable")

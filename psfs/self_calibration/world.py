@@ -17,7 +17,6 @@ from psfs.common.numbers import pick_evenly
 from psfs.diagnostics.frontier import FrontierPoints, SilhouetteContours, trace_points
 from psfs.footage.camera_times import INDEPENDENT_SHARE
 from psfs.self_calibration.adjustment import Adjusted, PersonPoints
-from psfs.self_calibration.config import PersonConfig
 from psfs.self_calibration.room_edges import fit_vertical
 from psfs.self_calibration.take import PersonTake
 
@@ -42,7 +41,7 @@ def triangulate_points(rig: CameraRig, points: FrontierPoints) -> np.ndarray:
 
 
 def align_to_person(
-    adjusted: Adjusted, take: PersonTake, points: FrontierPoints, config: PersonConfig
+    adjusted: Adjusted, take: PersonTake, points: FrontierPoints
 ) -> tuple[CameraRig, bool]:
     """Return the rig in metres with Z up and Z = 0 on the floor, below the person's middle, and
     whether up is the room's.
@@ -51,7 +50,7 @@ def align_to_person(
     floor below the lowest points. points: where silhouettes touch common planes. X is the first
     camera's right.
     """
-    stature = config.stature
+    stature = take.points.config.stature
     rig = _place(adjusted.rig, take.find_up(adjusted.rig), points, stature)
     low, _ = _frame_extremes(triangulate_points(rig, points), points.frames)
     rig = _place(rig, fit_floor(low), points, stature)
