@@ -104,7 +104,8 @@ def test_what_is_hidden_is_known_of_kept_frames(session: Session) -> None:
 def test_a_corrected_rig_has_the_frames_that_were_kept(session: Session) -> None:
     session.sequence.keep_frames()
     expected = [frame.images for frame in session.sequence]
-    other = session.with_sequence(session.sequence.with_rig(session.rig.with_hidden(None)))
+    hidden = np.zeros((len(session.rig), session.rig.height, session.rig.width), bool)
+    other = session.with_sequence(session.sequence.with_rig(session.rig.with_hidden(hidden)))
     assert other is not session
     assert all(map(np.array_equal, (frame.images for frame in other.sequence), expected))
 

@@ -9,13 +9,13 @@ from helpers import scenes
 from helpers.shared import shared_data
 
 from cl import Device, NumpyDevice
+from psfs.cameras.rig_geometry import floor_points
 from psfs.reconstructor import ReconstructionConfig, Reconstructor
 from psfs.reference.appearance import NumpyForeground
 from psfs.reference.reconstructor import NumpyReconstructor
 from psfs.sequence import Sequence
 from psfs.silhouettes.appearance import BINS
-from psfs.silhouettes.config import AppearanceConfig, FloorConfig, SilhouetteConfig
-from psfs.silhouettes.floor_shadow import floor_points
+from psfs.silhouettes.config import AppearanceConfig, SilhouetteConfig
 from psfs.voxels.grid import VoxelGrid
 
 
@@ -95,7 +95,7 @@ def test_the_location_is_where_the_person_stood() -> None:
 
 def test_the_floor_is_where_rays_meet_it() -> None:
     rig, _, _ = scene()
-    points = floor_points(rig, FloorConfig(height=0.1))
+    points = floor_points(rig, 0.1)
     there = np.isfinite(points[..., 0])
     assert there.any() and not there.all()
     for view, camera in enumerate(rig):
