@@ -1,8 +1,11 @@
 """Run commands with invalid input and check their errors; small data to corrupt."""
 
 import contextlib
+import csv
 import io
+import json
 import os
+import pickle
 import stat
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -14,11 +17,13 @@ import numpy as np
 
 import apf.cli
 import psfs.cli
-from apf.body.toml import save_body
+from apf.body.toml import load_body, save_body
 from apf.formats.pose import write_pose
 from apf.formats.trc import write_trc
+from apf.keypoints.readers.orders import COCO_17
 from apf.tracking.settings import DEFAULT_BODY
 from helpers import footage, scenes, tracks
+from helpers.keypoints import of_poses
 
 #: What may stand in a file of tables for something else.
 WRONG: dict[str, Any] = {
@@ -118,6 +123,30 @@ def stock(folder: Path) -> Path:
     np.savez(folder / "truth.npz", joint_names=np.array(truth.joint_names), joints=truth.joints,
              fps=truth.fps, frames=truth.frames)  # fmt: skip
     return folder
+
+
+def stock_keypoints(stock: Path, frames: int = 4) -> None:
+    """Write the keypoints of somebody before three cameras in every format."""
+    rig, body = footage.rig(3), load_body("song31")
+    points = of_poses(rig, body, np.tile(body.rest_pose, (frames, 1)), COCO_17).points
+    np.save(stock / "k.npy", points)
+    np.savez(stock / "k.npz", keypoints=points, keypoint_names=COCO_17, camera_names=rig.names)
+    for camera, view in zip(rig.names, points.astype(float), strict=True):
+        pictures = [[{"person_id": [0], "pose_keypoints_2d": p.ravel().tolist()}] for p in view]
+        for frame, people in enumerate(pictures):
+            path = stock / "json" / f"{camera}_json" / f"{camera}_{frame:06d}.json"
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text(json.dumps({"version": 1.3, "people": people}))
+        path = stock / "pkl" / camera / "x_rotated_pp.pkl"
+        path.parent.mkdir(parents=True)
+        path.write_bytes(pickle.dumps(pictures))
+        (stock / "csv").mkdir(exist_ok=True)
+        with (stock / "csv" / f"{camera}DLC_net.csv").open("w", newline="") as file:
+            parts = [name for name in COCO_17 for _ in range(3)]
+            rows = [["scorer", *["net"] * 51], ["bodyparts", *parts]]
+            rows += [["coords", *["x", "y", "likelihood"] * 17]]
+            rows += [[f, *row] for f, row in enumerate(view.reshape(frames, -1).tolist())]
+            csv.writer(file).writerows(rows)
 
 
 def changed_npz(path: Path, **changes: Any) -> None:
