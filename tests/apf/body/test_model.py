@@ -1,5 +1,6 @@
 """Body models: shipped ones, the TOML reader and writer, scaling."""
 
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -8,30 +9,11 @@ from helpers import bodies
 
 from apf.body.kinematics import bone_matrices, posed_joints
 from apf.body.limbs import trunk_mask
-from apf.body.model import BodyModel, sideless
+from apf.body.model import sideless
 from apf.body.toml import load_body, save_body
 from cl import InputError, MissingFileError
 
 SONG = load_body("song31")
-
-
-def assert_same(a: BodyModel, b: BodyModel) -> None:
-    assert (a.name, a.dof_names, a.edges, a.apart) == (b.name, b.dof_names, b.edges, b.apart)
-    for field in ("lower", "upper", "sigma", "rest_pose", "posture_sigma", "posture_rise"):
-        np.testing.assert_array_equal(getattr(a, field), getattr(b, field))
-    for x, y in zip(a.bones, b.bones, strict=True):
-        assert (x.name, x.parent, x.axes) == (y.name, y.parent, y.axes)
-        np.testing.assert_array_equal(x.offset, y.offset)
-        np.testing.assert_array_equal(x.rest, y.rest)
-    for x, y in zip(a.cones, b.cones, strict=True):
-        assert (x.name, x.bone, x.radii, x.scale) == (y.name, y.bone, y.radii, y.scale)
-        assert x.in_images == y.in_images
-        np.testing.assert_array_equal(x.start, y.start)
-        np.testing.assert_array_equal(x.end, y.end)
-        np.testing.assert_allclose(x.side, y.side, atol=1e-15)
-    for x, y in zip(a.joints, b.joints, strict=True):
-        assert (x.name, x.bone) == (y.name, y.bone)
-        np.testing.assert_array_equal(x.position, y.position)
 
 
 def moved(**dofs: float) -> dict[str, np.ndarray]:
@@ -111,7 +93,11 @@ def test_saved_bodies_come_back(name: str, tmp_path: Path) -> None:
     body = bodies.named(name)
     for saved in (body, body.scaled(dict.fromkeys(body.scale_groups, 1.1), radii=1.07)):
         save_body(tmp_path / "copy.toml", saved)
-        assert_same(load_body(tmp_path / "copy.toml"), saved)
+        again = asdict(load_body(tmp_path / "copy.toml"))
+        for cone, old in zip(again["cones"], saved.cones, strict=True):
+            np.testing.assert_allclose(cone["side"], old.side, atol=1e-15)
+            cone["side"] = old.side
+        np.testing.assert_equal(again, asdict(saved))
 
 
 BAD = {
