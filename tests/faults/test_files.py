@@ -13,7 +13,8 @@ import cv2
 import numpy as np
 import pytest
 from helpers import footage
-from helpers.faults import changed_npz, refused, run
+from helpers.commands import run
+from helpers.faults import changed_npz, refused
 from helpers.footage import cut
 
 NAN, INF = float("nan"), float("inf")
@@ -217,7 +218,7 @@ def test_pictures(stock: Path, fault: str, index: int) -> None:
     box = ["--voxel-size", "0.08", "--volume", "-0.6,0.6,-0.6,0.6,0,1.9"]
     words = ["psfs", "reconstruct", "seq", "-o", "new", "--device", "numpy", "--all-cameras", *box]
     if index:
-        outcome = run(words_in(stock, words))  # the frames before it are kept, if any were made
+        outcome = run(*words_in(stock, words))  # the frames before it are kept, if any were made
         assert outcome.code == 2 and "0002.png" in outcome.err.strip().splitlines()[-1]
         assert "Traceback" not in outcome.err
         summary = stock / "new/summary.json"

@@ -5,7 +5,8 @@ from pathlib import Path
 
 import pytest
 from helpers import faults
-from helpers.faults import refused, run
+from helpers.commands import run
+from helpers.faults import refused
 
 #: What no flag for a number takes.
 NUMBERS = ("nan", "-inf", "1e300", "many", "", "9" * 401)
@@ -217,7 +218,7 @@ NAMES = {
 def test_strange_names_are_written(stock: Path, kind: str) -> None:
     for words in WRITERS if kind == "no UTF-8" else WRITERS[1:]:
         name = NAMES[kind] + words[1] + (".png" if words[-1] == "--png" else "")
-        outcome = run([*words, name])
+        outcome = run(*words, name)
         assert outcome.code == 0, outcome
         assert Path(name).exists() and "\x1b[31m" not in outcome.out + outcome.err
 
@@ -236,7 +237,7 @@ def test_a_sequence_of_strange_names(stock: Path) -> None:
     for name in NAMES.values():
         folder = stock / f"take {name.replace('/', '')}"
         (stock / "walk").rename(folder)
-        outcome = run(["psfs", "info", str(folder), "--no-pictures"])
+        outcome = run("psfs", "info", str(folder), "--no-pictures")
         assert outcome.code == 0, outcome
         folder.rename(stock / "walk")
 
@@ -246,7 +247,7 @@ def test_what_is_left_is_reported(
 ) -> None:
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     monkeypatch.setattr("psfs.cli.info.sequence_info", lambda sequence: {}["a fault of ours"])
-    outcome = run(["psfs", "info", str(stock / "walk"), "--no-pictures"])
+    outcome = run("psfs", "info", str(stock / "walk"), "--no-pictures")
     assert outcome.code == 70 and outcome.err.count("\n") == 1
     assert "please report" in outcome.err
     log = next(tmp_path.glob("psfs-*.log"))

@@ -83,7 +83,7 @@ READERS: dict[str, Callable[[Path], Any]] = {
     "k.npy": read_raw,
     "pkl/cam01/x_rotated_pp.pkl": read_raw,
     "json/cam01_json/cam01_000000.json": lambda path: read_raw(path.parent),
-    "csv/cam01DLC_net.csv": read_raw,
+    "csv/cam01DLC_resnet50_walkJan1shuffle1_100000.csv": read_raw,
     "walk/calibration.toml": read_calibration,
     "cameras.mat": lambda path: read_calibration(path, sizes=(64, 48)),
     "camera.xml": read_calibration,

@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers import faults, footage
-from helpers.faults import WRONG, refused, run
+from helpers.commands import run
+from helpers.faults import WRONG, refused
 
 from apf.keypoints.readers.orders import COCO_17
 
@@ -48,9 +49,8 @@ def rewritten(path: Path, content: bytes) -> Iterator[None]:
 
 @pytest.mark.parametrize("kind", FILES)
 def test_whole_ones_are_read(keypoints: Path, kind: str) -> None:
-    done = run(
-        [*words(keypoints, kind)[:4], str(keypoints.parent / kind), *words(keypoints, kind)[5:]]
-    )
+    given = words(keypoints, kind)
+    done = run(*given[:4], keypoints.parent / kind, *given[5:])
     assert done.code == 0 and "17 points of 3.0 cameras" in done.out, done
 
 

@@ -77,16 +77,30 @@ def write_video(
     writer.release()
 
 
-def write_image(path: Path, level: int, size: tuple[int, int] = SIZE) -> None:
+def write_picture(path: Path, picture: np.ndarray) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
-    assert cv2.imwrite(str(path), np.full((size[1], size[0]), level, np.uint8))
+    assert cv2.imwrite(str(path), picture)
 
 
-def write_masks(folder: Path, name: str, masks: Iterable[np.ndarray]) -> None:
-    """Write the masks (h, w) uint8 of one camera."""
-    (folder / "masks" / name).mkdir(parents=True)
-    for frame, mask in enumerate(masks):
-        assert cv2.imwrite(str(folder / "masks" / name / f"{frame:04d}.png"), mask)
+def write_image(path: Path, level: int, size: tuple[int, int] = SIZE) -> None:
+    write_picture(path, np.full((size[1], size[0]), level, np.uint8))
+
+
+def write_take(
+    folder: Path,
+    cameras: CameraRig,
+    views: Iterable[Iterable[np.ndarray]],
+    kind: str = "masks",
+) -> Path:
+    """Write a calibration and each camera's masks or images (h, w, ...) uint8, which may be padded
+    to the size of the largest ones."""
+    write_toml(folder / "calibration.toml", tables(cameras))
+    for camera, pictures in zip(cameras, views, strict=True):
+        width, height = camera.size
+        for frame, picture in enumerate(pictures):
+            path = folder / kind / camera.name / f"{frame:04d}.png"
+            write_picture(path, picture[:height, :width])
+    return folder
 
 
 def native(folder: Path, views: int = 3, frames: int = 12) -> Path:

@@ -1,5 +1,11 @@
 """Keypoints of a known body, as a network without errors would detect them."""
 
+import csv
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
 import numpy as np
 
 from apf.body.kinematics import bone_matrices
@@ -41,3 +47,43 @@ def world_points(body: BodyModel, poses: np.ndarray, names: tuple[str, ...]) -> 
         "fpab,pb->fpa", rotations[:, on.bones], on.offsets
     )
     return places
+
+
+def list_person(points: np.ndarray) -> dict[str, Any]:
+    """Return keypoints (K, 3) as OpenPose lists them, with zeros for missing ones."""
+    values = np.nan_to_num(points.astype(float))
+    return {"person_id": [-1], "pose_keypoints_2d": values.ravel().tolist()}
+
+
+def pose2sim_path(camera: str, frame: int) -> str:
+    return f"{camera}_json/{camera}_{frame:06d}.json"
+
+
+def write_openpose(
+    folder: Path, *people: Keypoints, path_of: Callable[[str, int], str] = pose2sim_path
+) -> Path:
+    """Write the JSON files of several persons."""
+    for view, camera in enumerate(people[0].camera_names):
+        for frame in range(people[0].n_frames):
+            path = folder / path_of(camera, frame)
+            path.parent.mkdir(parents=True, exist_ok=True)
+            found = [list_person(one.points[view, frame]) for one in people]
+            path.write_text(json.dumps({"version": 1.3, "people": found}))
+    return folder
+
+
+def write_deeplabcut(folder: Path, written: Keypoints, individuals: bool = False) -> list[Path]:
+    """Write a table of each camera; return their paths."""
+    folder.mkdir(exist_ok=True)
+    parts = [name for name in written.names for _ in range(3)]
+    head = [["scorer", *["DLC_net"] * len(parts)]]
+    head += [["individuals", *["one"] * len(parts)]] if individuals else []
+    head += [["bodyparts", *parts], ["coords", *["x", "y", "likelihood"] * len(written.names)]]
+    paths = []
+    for camera, points in zip(written.camera_names, written.points, strict=True):
+        paths.append(folder / f"{camera}DLC_resnet50_walkJan1shuffle1_100000.csv")
+        rows = points.reshape(len(points), -1).astype(float)
+        cells = [["" if np.isnan(value) else value for value in row.tolist()] for row in rows]
+        with paths[-1].open("w", newline="") as file:
+            csv.writer(file).writerows([*head, *([k, *row] for k, row in enumerate(cells))])
+    return paths

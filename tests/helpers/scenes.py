@@ -74,6 +74,14 @@ def draw_hull(camera: Camera, points: np.ndarray, level: int = 255) -> np.ndarra
     return cv2.fillConvexPoly(mask, hull, level)
 
 
+def draw_points(camera: Camera, points: np.ndarray, width: int = 1) -> np.ndarray:
+    """Return the mask (h, w) uint8 of points (N, 3), each a square so many pixels wide."""
+    mask = np.zeros(camera.size[::-1], np.uint8)
+    _, row, column, _ = camera.look_up(points)
+    mask[row, column] = 255
+    return np.asarray(cv2.dilate(mask, np.ones((width, width), np.uint8)))
+
+
 def without_distortion(rig: CameraRig) -> CameraRig:
     return CameraRig(tuple(replace(camera, distortion=np.zeros(5)) for camera in rig))
 
@@ -99,11 +107,9 @@ def solid_points() -> np.ndarray:
 
 def masks_of(rig: CameraRig) -> np.ndarray:
     """Render silhouettes (V, H, W) uint8 of the test body from a dense cloud of points."""
-    points = solid_points()
     masks = np.zeros((len(rig), rig.height, rig.width), np.uint8)
-    for view, camera in enumerate(rig):
-        _, row, column, _ = camera.look_up(points)
-        masks[view, row, column] = 255
+    for mask, camera in zip(masks, rig, strict=True):
+        mask[: camera.size[1], : camera.size[0]] = draw_points(camera, solid_points())
     return masks
 
 

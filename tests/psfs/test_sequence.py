@@ -138,9 +138,7 @@ def test_masks_are_read_by_their_meaning(tmp_path: Path, kind: str) -> None:
         "palette": np.dstack([inside * 0, inside * 0, inside // 255 * 128]),
     }[kind]
     rig = footage.rig(1)
-    footage.write_toml(tmp_path / "calibration.toml", footage.tables(rig))
-    (tmp_path / "masks/cam01").mkdir(parents=True)
-    cv2.imwrite(str(tmp_path / "masks/cam01/0.png"), picture)
+    footage.write_take(tmp_path, rig, [[picture]])
     np.testing.assert_array_equal(Sequence.open(tmp_path).read(0).masks[0] > 127, inside > 0)
 
 
@@ -260,11 +258,9 @@ def test_flat_folder_with_masks_for_all_and_images_for_some(tmp_path: Path) -> N
 
 def test_threshold_masks_grow_by_dilation_less_erosion(tmp_path: Path) -> None:
     rig = footage.rig(1)
-    footage.write_toml(tmp_path / "calibration.toml", footage.tables(rig))
     image = np.zeros((48, 64, 3), np.uint8)
     image[20:25, 30:40] = 60
-    (tmp_path / "images/cam01").mkdir(parents=True)
-    cv2.imwrite(str(tmp_path / "images/cam01/0.png"), image)
+    footage.write_take(tmp_path, rig, [[image]], "images")
     sequence = Sequence.open(tmp_path, background="threshold", threshold=0.2, dilate=5, erode=3)
     rows, columns = np.nonzero(sequence.read(0).masks[0])
     assert (rows.min(), rows.max(), columns.min(), columns.max()) == (18, 26, 28, 41)

@@ -8,13 +8,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from helpers import scenes
+from helpers.commands import fail, succeed
 
 from apf.backend import make_tracker
 from apf.body.kinematics import posed_cones, posed_joints
 from apf.body.model import BodyModel
 from apf.body.stature import lowest_point, stature
 from apf.body.toml import format_body, load_body, parse_body
-from apf.cli import main
 from apf.filters.method import Method
 from apf.image_objective.config import ProximityConfig
 from apf.image_objective.renderer import cone_edges
@@ -95,13 +95,11 @@ OTHERS = ("blade", "child", "dog", "one_arm", "wheelchair")
 
 
 @pytest.mark.parametrize("name", OTHERS)
-def test_other_bodies_are_bodies(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_other_bodies_are_bodies(name: str) -> None:
     body = load_body(name)
     assert parse_body(format_body(body), name).dof_names == body.dof_names
     assert np.all((body.lower <= body.rest_pose) & (body.rest_pose <= body.upper))
-    for action in ("show", "check"):
-        assert main(["body", action, name]) == 0
-    said = capsys.readouterr().out
+    said = "".join(succeed("apf", "body", action, name).out for action in ("show", "check"))
     assert f"{name}: {len(body.bones)} bones" in said and "no automatic start" not in said
 
 
@@ -133,15 +131,12 @@ def test_what_a_file_says_replaces_the_base() -> None:
         ('base = "song32"\nname = "a"\nwings = 2', "wings"),
     ],
 )
-def test_wrong_files_are_named(
-    tmp_path: Path, text: str, message: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_wrong_files_are_named(tmp_path: Path, text: str, message: str) -> None:
     path = tmp_path / "a.toml"
     path.write_text(text)
     with pytest.raises(InputError, match=message):
         load_body(path)
-    assert main(["body", "check", str(path)]) == 2
-    assert capsys.readouterr().err.count("\n") == 1
+    assert fail("apf", "body", "check", path).count("\n") == 1
 
 
 def test_a_base_may_be_a_file_beside_it(tmp_path: Path) -> None:

@@ -7,11 +7,11 @@ import ezc3d
 import numpy as np
 import pytest
 from helpers import bodies
+from helpers.commands import succeed
 from helpers.striders import track_of_poses
 
 from apf.body.kinematics import bone_matrices
 from apf.body.stature import stature
-from apf.cli import main
 from apf.evaluation.marker_truth import evaluate_markers, load_markers
 from apf.evaluation.truth import load_truth
 from apf.formats.c3d import read_c3d
@@ -61,7 +61,7 @@ def true_markers(track: Track, labels: tuple[str, ...]) -> np.ndarray:
     return np.array([[origins[f, b] + rotations[f, b] @ o for b, o in pairs] for f in frames])
 
 
-def test_a_c3d_is_read_back_as_truth(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_c3d_is_read_back_as_truth(tmp_path: Path) -> None:
     track, path = a_track(), tmp_path / "walk.c3d"
     markers = true_markers(track, LABELS)
     markers[3, 1] = np.nan
@@ -80,8 +80,7 @@ def test_a_c3d_is_read_back_as_truth(tmp_path: Path, capsys: pytest.CaptureFixtu
 
     track.save(tmp_path / "out" / "track.npz")
     words = ["evaluate", str(tmp_path / "out"), "--truth", str(path), "--markers", "plugingait"]
-    assert main(words) == 0
-    out = capsys.readouterr().out
+    out = succeed("apf", *words).out
     assert "c7" in out and "20.0" in out and (tmp_path / "out/evaluation.png").is_file()
 
 

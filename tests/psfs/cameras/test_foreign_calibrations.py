@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from helpers import camera_texts, footage
 from helpers.camera_texts import projection
+from helpers.commands import succeed
 from helpers.footage import words
 from scipy.io import savemat
 from scipy.spatial.transform import Rotation
@@ -513,13 +514,12 @@ def test_picture_sizes_of_a_flat_folder_by_order(tmp_path: Path) -> None:
     assert images is not None and [int(image.mean()) for image in images] == [0, 40, 80, 120]
 
 
-def test_convert_writes_a_native_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_convert_writes_a_native_folder(tmp_path: Path) -> None:
     rig, out = plain_rig(), tmp_path / "native"
     folder = sequence_in(tmp_path / "a", colmap(rig), rig)
     flags = ["--unit", "cm", "--up", "y", "--cameras", "cam01,cam03", "--subject", "object"]
     box = ["--volume", "own:-1,1,-2,2,-3,3"]
-    assert main(["convert", str(folder), "-o", str(out), *flags, *box]) == 0
-    assert "2 cameras, 1 frames" in capsys.readouterr().out
+    assert "2 cameras, 1 frames" in succeed("psfs", "convert", folder, "-o", out, *flags, *box).out
     given = {"unit": "cm", "up": "y", "cameras": ["cam01", "cam03"]}
     before, after = Sequence.open(folder, **given), Sequence.open(out)
     for a, b in zip(after.rig, before.rig, strict=True):

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
+from helpers.commands import fail
 from helpers.shared import shared_data
 from scipy import spatial
 
@@ -31,12 +32,11 @@ def test_one_frame_checked(out: Path, tmp_path: Path) -> None:
 
 
 def test_a_check_without_open3d_says_what_to_install(
-    out: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    out: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     load_open3d.cache_clear()
     monkeypatch.setitem(sys.modules, "open3d", None)
-    assert main(["mesh", str(out), "--check"]) == 2
-    assert "[mesh]'" in capsys.readouterr().err
+    assert "[mesh]'" in fail("psfs", "mesh", out, "--check")
 
 
 def test_all_frames_but_the_empty_one(out: Path, tmp_path: Path) -> None:
@@ -64,14 +64,11 @@ def test_the_surface_is_that_of_the_run(out: Path, device: Device | NumpyDevice)
         assert distance.max() <= cloud.grid.voxel_size * np.sqrt(3)  # closed: diagonals, too
 
 
-def test_parameters_of_another_version_are_said(
-    out: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_parameters_of_another_version_are_said(out: Path, tmp_path: Path) -> None:
     summary = json.loads((out / "summary.json").read_text())
     summary["config"]["silhouette"]["magic"] = 1
     (tmp_path / "summary.json").write_text(json.dumps(summary))
-    assert main(["mesh", str(tmp_path)]) == 2
-    assert "silhouette.magic: no such setting" in capsys.readouterr().err
+    assert "silhouette.magic: no such setting" in fail("psfs", "mesh", tmp_path)
 
 
 def test_the_dinosaur_is_watertight_and_fills_its_silhouettes(tmp_path: Path) -> None:

@@ -43,16 +43,13 @@ def outlines_of(
 ) -> list[list[Outline | None]]:
     """Outlines [frame][view]; camera v takes its pictures offsets[v] frames late."""
     late = np.zeros(len(rig)) if offsets is None else offsets
-    rows: list[list[Outline | None]] = []
-    for frame in range(n):
-        row: list[Outline | None] = []
-        for camera, own in zip(rig, late, strict=True):
-            mask = np.zeros(camera.size[::-1], np.uint8)
-            _, y, x, _ = camera.look_up(limbs(frame + own))
-            mask[y, x] = 1
-            row.append(extract_outline(cv2.dilate(mask, np.ones((9, 9), np.uint8)) > 0))
-        rows.append(row)
-    return rows
+    return [
+        [
+            extract_outline(scenes.draw_points(camera, limbs(frame + own), 9) > 0)
+            for camera, own in zip(rig, late, strict=True)
+        ]
+        for frame in range(n)
+    ]
 
 
 def off(rig: CameraRig, degrees: float) -> CameraRig:
