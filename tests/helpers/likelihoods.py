@@ -54,7 +54,7 @@ def cloud(grid: VoxelGrid, surface: Array, count: Array) -> Any:
 
 
 class Setup:
-    """A `VoxelLikelihood` with `poses` and `maps` on the device."""
+    """A `VoxelLikelihood` with `poses` and `smooth_maps` on the device."""
 
     def __init__(
         self,
@@ -62,11 +62,10 @@ class Setup:
         body: BodyModel,
         rig: CameraRig,
         poses: np.ndarray,
-        maps: np.ndarray,
         config: FilterConfig,
         grid: VoxelGrid | None = None,
     ) -> None:
-        self.body, self.rig, self.maps = body, rig, maps
+        self.body, self.rig, self.maps = body, rig, smooth_maps(rig)
         self.poses = poses.astype(np.float32)
         self.config = config.likelihood
         scene = Scene(device, rig, grid or scenes.small_grid(0.1), body)

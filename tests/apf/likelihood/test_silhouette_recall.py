@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from helpers import bodies, scenes
 from helpers.kinds import other_kind
-from helpers.likelihoods import Setup, cloud, only, smooth_maps
+from helpers.likelihoods import Setup, cloud, only
 from helpers.parity import traced
 
 from apf.body.cones import project_outlines
@@ -52,7 +52,7 @@ def test_kernels_agree_with_the_twin(device: Device, views: int, n_voxels: int) 
     indices = np.arange(n_voxels, dtype=np.int32) * max(1, grid.size // 1000)
     poses = bodies.scattered_poses(body, 23)
     config = only("none").with_changes(silhouette_recall_weight=1.5, n_points=300, point_turns=2)
-    setup = Setup(device, body, rig, poses, smooth_maps(rig), config, grid)
+    setup = Setup(device, body, rig, poses, config, grid)
     count = device.to_device(np.array([n_voxels], np.int32))
     surface = device.to_device(indices if n_voxels else np.zeros(1, np.int32))
     setup.likelihood.observe(cloud(grid, surface, count))
@@ -72,7 +72,7 @@ def test_projected_points_agree_with_the_twin(device: Device, views: int, n_poin
     rig, grid = scenes.ring(views), VoxelGrid.covering(np.full(3, -4.0), np.full(3, 4.0), 0.3)
     config = only("none").with_changes(silhouette_recall_weight=1.5, n_points=n_points)
     poses = bodies.scattered_poses(SONG, 2)
-    setup = Setup(device, SONG, rig, poses, smooth_maps(rig), config, grid)
+    setup = Setup(device, SONG, rig, poses, config, grid)
     indices = np.sort(np.random.default_rng(views).choice(grid.size, 999, replace=False))
     count, surface = np.array([999], np.int32), device.to_device(indices.astype(np.int32))
     with traced("tracking/surface_samples.sample_surface") as launches:
@@ -98,7 +98,7 @@ def test_the_other_kind_of_work_groups_finds_the_same(device: Device) -> None:
     config = only("none").with_changes(silhouette_recall_weight=1.5, n_points=301, point_turns=2)
     found = []
     for place in (device, other):
-        setup = Setup(place, SONG, rig, poses, smooth_maps(rig), config, grid)
+        setup = Setup(place, SONG, rig, poses, config, grid)
         count = place.to_device(np.array([len(indices)], np.int32))
         setup.likelihood.observe(cloud(grid, place.to_device(indices), count))
         found.append(setup.errors(1))
