@@ -24,9 +24,12 @@ import numpy as np
 import pytest
 from helpers import examined, faults, parity
 
+from apf.body.toml import save_body
+from apf.formats.pose import write_pose
 from apf.initialisation.start import StartConfig
 from apf.synthetic.generate import generate
 from apf.synthetic.scene import SceneConfig
+from apf.takes.start import read_given_start
 from cl import Device
 from cl.listing import working_devices
 from psfs.cli import main
@@ -69,6 +72,17 @@ def small_walk(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def walk(small_walk: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A copy of `small_walk`, to change."""
     return Path(shutil.copytree(small_walk, tmp_path_factory.mktemp("walk") / "walk"))
+
+
+@pytest.fixture(scope="session")
+def fitted(small_walk: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with the body and the first pose of `small_walk`, fitted once for all tests."""
+    found = read_given_start(small_walk, 0, None, small_walk / "truth.npz", "y-up")
+    assert found is not None
+    folder = tmp_path_factory.mktemp("fitted")
+    save_body(folder / "body.toml", found[0])
+    write_pose(folder / "start.txt", found[1], found[0])
+    return folder
 
 
 @pytest.fixture(scope="session")

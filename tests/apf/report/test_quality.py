@@ -1,6 +1,7 @@
 """Judging a track without ground truth: wrong limbs and impossible motion, and neither if sound."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -20,8 +21,6 @@ from apf.report.agreement import (
 )
 from apf.report.judged import find_impossible_motion
 from apf.report.quality import Quality
-from apf.synthetic.generate import generate
-from apf.synthetic.scene import SceneConfig
 from apf.synthetic.walk import Walk
 from apf.tracking.track import Track
 from cl import Device
@@ -33,13 +32,10 @@ Scene = tuple[Session, Track]
 
 
 @pytest.fixture(scope="module")
-def scene(tmp_path_factory: pytest.TempPathFactory) -> Scene:
+def scene(small_walk: Path) -> Scene:
     """A walk with the poses that its true joints have."""
-    walk = tmp_path_factory.mktemp("made") / "walk"
-    config = SceneConfig(cameras=4, frames=4, fps=60, size=(240, 180), seed=4)
-    generate(walk, config, Device.best())
-    session = Session(Sequence.open(walk), Device.best())
-    truth, body, poses = load_truth(walk / "truth.npz"), load_body("song31"), []
+    session = Session(Sequence.open(small_walk), Device.best())
+    truth, body, poses = load_truth(small_walk / "truth.npz"), load_body("song31"), []
     for joints in truth.joints:
         named = dict(zip(truth.joint_names, joints, strict=True))
         body, pose, _ = fit_to_joints(body, named)
