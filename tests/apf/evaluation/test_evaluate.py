@@ -219,26 +219,22 @@ def said(truth: JointSeries, convention: str = "z-up") -> str | None:
 
 
 @pytest.mark.parametrize("written", CONVENTIONS)
-@pytest.mark.parametrize("read", CONVENTIONS)
-def test_the_command_names_the_convention(written: str, read: str, tmp_path: Path) -> None:
-    TRACK.save(tmp_path / "track.npz")
-    write_trc(tmp_path / "truth.trc", tracks.truth_of(TRACK), written)
-    flags = ["--truth", str(tmp_path / "truth.trc"), "--convention", read, "--csv"]
-    text = succeed("apf", "evaluate", tmp_path / "track.npz", *flags).out
-    named = f"m with --convention {written}" in text
-    assert named == (written != read) and ("warning" in text) == named
-
-
-@pytest.mark.parametrize("written", CONVENTIONS)
-def test_the_axes_of_a_trc_are_found(written: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize("read", [*CONVENTIONS, None])
+def test_the_convention_of_a_trc_is_named_or_found(
+    written: str, read: str | None, tmp_path: Path
+) -> None:
+    """Named by the command where another one is stated, else found."""
     TRACK.save(tmp_path / "track.npz")
     write_trc(tmp_path / "truth.trc", tracks.truth_of(TRACK), written)
     flags = ["--truth", str(tmp_path / "truth.trc"), "--json"]
+    flags += ["--convention", read] if read else []
     text = succeed("apf", "evaluate", tmp_path / "track.npz", *flags).out
-    assert (f"read with --convention {written}" in text) == (written != "y-up")
-    assert "warning" not in text
-    summary = json.loads((tmp_path / "evaluation.json").read_text())
-    assert summary["mean_error_mm"] < 1
+    named = f"m with --convention {written}" in text
+    assert named == ("warning" in text) == (read not in (None, written))
+    if read is None:
+        assert (f"read with --convention {written}" in text) == (written != "y-up")
+        summary = json.loads((tmp_path / "evaluation.json").read_text())
+        assert summary["mean_error_mm"] < 1
 
 
 def test_units_and_axes_without_a_name() -> None:

@@ -1,13 +1,12 @@
 """C3D files as truth, and markers fixed to a body against those of motion capture."""
 
 from pathlib import Path
-from typing import Any
 
-import ezc3d
 import numpy as np
 import pytest
 from helpers import bodies
 from helpers.commands import succeed
+from helpers.footage import write_c3d
 from helpers.striders import track_of_poses
 
 from apf.body.kinematics import bone_matrices
@@ -30,25 +29,6 @@ def a_track(n: int = N_FRAMES) -> Track:
     poses = np.tile(body.rest_pose, (n, 1)).astype(float)
     poses += 0.02 * np.arange(n)[:, None] * np.linspace(-1, 1, body.n_dof)
     return track_of_poses(body, poses, FPS)
-
-
-def write_c3d(
-    path: Path, points: np.ndarray, labels: tuple[str, ...], rate: float, **said: Any
-) -> None:
-    """points: (F, P, 3) in the file's unit and axes, NaN where missing."""
-    file: Any = ezc3d.c3d()
-    file["header"]["points"]["first_frame"] = said.get("first", 0)
-    point = file["parameters"]["POINT"]
-    point["RATE"]["value"], point["UNITS"]["value"] = [rate], [said.get("unit", "mm")]
-    point["LABELS"]["value"] = list(labels)
-    if "up" in said:
-        file.add_parameter("POINT", "Y_SCREEN", said["up"])
-    data = np.ones((4, len(labels), len(points)))
-    data[:3] = points.transpose(2, 1, 0)
-    file["data"]["points"] = data
-    missing = np.isnan(data[:3]).any(0)
-    file["data"]["meta_points"]["residuals"] = np.where(missing, -1.0, 0.0)[None]
-    file.write(str(path))
 
 
 def true_markers(track: Track, labels: tuple[str, ...]) -> np.ndarray:

@@ -6,11 +6,11 @@ from pathlib import Path
 from typing import Any
 
 import cv2
-import ezc3d
 import numpy as np
 import pytest
 from helpers import calibration as made
 from helpers.commands import fail, succeed
+from helpers.footage import write_c3d
 from PIL import Image
 
 from psfs.calibration.pictures import write_view
@@ -48,14 +48,7 @@ def wands(tmp_path_factory: pytest.TempPathFactory) -> Path:
     made.film(folder, CAMERAS, poses, made.wand_picture(points))
     places = np.stack([points @ pose[:3, :3].T + pose[:3, 3] for pose in poses])
     places = np.repeat(1000 * places, 2, axis=0)
-    file = ezc3d.c3d()
-    file["parameters"]["POINT"]["RATE"]["value"] = [60.0]
-    file["parameters"]["POINT"]["LABELS"]["value"] = ["near", "far"]
-    file["parameters"]["POINT"]["UNITS"]["value"] = ["mm"]
-    file["data"]["points"] = np.concatenate(
-        [places.transpose(2, 1, 0), np.ones((1, 2, len(places)))]
-    )
-    file.write(str(folder / "wand.c3d"))
+    write_c3d(folder / "wand.c3d", places, ("near", "far"), 60.0)
     return with_lenses(folder, CAMERAS)
 
 
