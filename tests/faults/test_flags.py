@@ -77,22 +77,17 @@ COMMANDS: dict[str, tuple[list[str], dict[str, tuple[str, ...]]]] = {
 
 
 @pytest.mark.parametrize("command", COMMANDS)
-def test_numbers(original: Path, command: str) -> None:
+def test_numbers(original: Path, command: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Nothing is written, so that all use one stock."""
+    monkeypatch.chdir(original)
     words, flags = COMMANDS[command]
     for number, (flag, values) in enumerate(flags.items()):
         for value in (*NUMBERS[: 2 if number else None], *values):  # all of them for one flag
             try:
                 said = "" if flag == "--shape" and value in NUMBERS else flag[2:]  # may be a file
-                refused([*placed(original, words), f"{flag}={value}"], original, said)
+                refused([*words, f"{flag}={value}"], original, said)
             except AssertionError as error:
                 raise AssertionError(f"{flag}={value}: {error}") from None
-
-
-def placed(stock: Path, words: list[str]) -> list[str]:
-    """Return the words with the stock's files in full."""
-    names = {path.name for path in stock.iterdir()} | {"new", "x.png"}
-    return [*words[:2], *(str(stock / w) if w in names else w for w in words[2:])]
 
 
 #: Words, and what the line says.
@@ -131,8 +126,9 @@ WORDS = {
 
 
 @pytest.mark.parametrize("words", WORDS)
-def test_words(original: Path, words: str) -> None:
-    refused(placed(original, words.split()), original, WORDS[words])
+def test_words(original: Path, words: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(original)
+    refused(words.split(), original, WORDS[words])
 
 
 LOOP = "loop"

@@ -1,5 +1,6 @@
 """Run commands with invalid input and check their errors; small data to corrupt."""
 
+import io
 import os
 import pickle
 import stat
@@ -111,6 +112,14 @@ def stock_keypoints(stock: Path, frames: int = 4) -> None:
         path = stock / "pkl" / camera / "x_rotated_pp.pkl"
         path.parent.mkdir(parents=True)
         path.write_bytes(pickle.dumps([[list_person(points)] for points in view]))
+
+
+def npy(shape: tuple[int, ...], dtype: str = "<f8", data: bytes = b"") -> bytes:
+    """Return an npy that claims a shape."""
+    file = io.BytesIO()
+    about = {"descr": dtype, "fortran_order": False, "shape": shape}
+    np.lib.format.write_array_header_1_0(file, about)
+    return file.getvalue() + data
 
 
 def changed_npz(path: Path, **changes: Any) -> None:
