@@ -22,10 +22,10 @@ def frame(
     return Frame(index, images, masks)
 
 
-def rotation_towards(direction: np.ndarray) -> np.ndarray:
+def rotation_towards(direction: np.ndarray, up: npt.ArrayLike = (0, 0, 1.0)) -> np.ndarray:
     """Return the rotation (3, 3) of an upright camera that looks along a direction (3,)."""
     z = direction / np.linalg.norm(direction)
-    x = np.cross(z, [0, 0, 1.0])
+    x = np.cross(z, up)
     x /= np.linalg.norm(x)
     return np.stack([x, np.cross(z, x), z])
 
@@ -42,11 +42,8 @@ def pinhole(
 def looking_at(
     name: str, centre: np.ndarray, target: np.ndarray, size: tuple[int, int], focal: float
 ) -> Camera:
-    z = np.asarray(target, float) - centre
-    z /= np.linalg.norm(z)
-    x = np.cross(z, [0.1, 0.0, 1.0])
-    x /= np.linalg.norm(x)
-    R = np.stack([x, np.cross(z, x), z])
+    """Return a camera that leans and distorts."""
+    R = rotation_towards(np.subtract(target, centre), up=(0.1, 0.0, 1.0))
     K = np.array([[focal, 0, size[0] / 2], [0, focal * 1.02, size[1] / 2], [0, 0, 1.0]])
     distortion = np.array([-0.12, 0.04, 0.001, -0.002, 0.01])
     return Camera(name, K, distortion, R, -R @ np.asarray(centre, float), size)

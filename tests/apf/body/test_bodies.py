@@ -1,14 +1,12 @@
 """The thesis's body and its halves, and bodies that begin from another one."""
 
-from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from helpers import scenes
 from helpers.commands import fail, succeed
+from helpers.rendered import Maps
 
 from apf.backend import make_tracker
 from apf.body.kinematics import posed_cones, posed_joints
@@ -44,47 +42,31 @@ def test_halves_pose_as_the_whole_body_does(name: str) -> None:
     np.testing.assert_allclose(ours, theirs[places], atol=1e-9)
 
 
-@dataclass(frozen=True)
-class Film:
-    """A body seen by three cameras, drawn by the reference renderer."""
-
-    device: Device
-    body: BodyModel
-    rig: CameraRig
-
-    def features(self, pose: np.ndarray) -> SimpleNamespace:
-        cones = posed_cones(self.body, pose[None])[0]
-        table = ProximityConfig(farthest=40).table(self.rig)
-        maps = np.zeros((len(self.rig), self.rig.height, self.rig.width, 2), np.uint8)
-        roi = np.zeros((len(self.rig), 4), np.int32)
-        for view, camera in enumerate(self.rig):
-            parts, edges = flat_body(camera, cones, *cone_edges(self.body))
-            height, width = parts.shape
-            maps[view, :height, :width, 0] = np.where(parts > 0, 255, 0)
-            maps[view, :height, :width, 1] = proximity(edges, table)
-            roi[view] = region(parts > 0, 4)
-        on_device = (self.device.to_device(array) for array in (maps, roi))
-        return SimpleNamespace(**dict(zip(("maps", "roi"), on_device, strict=True)))
+def observe_silhouette(device: Device, body: BodyModel, rig: CameraRig, pose: np.ndarray) -> Maps:
+    """What cameras see of a body, drawn by the reference renderer."""
+    cones = posed_cones(body, pose[None])[0]
+    table = ProximityConfig(farthest=40).table(rig)
+    maps = np.zeros((len(rig), rig.height, rig.width, 2), np.uint8)
+    roi = np.zeros((len(rig), 4), np.int32)
+    for view, camera in enumerate(rig):
+        parts, edges = flat_body(camera, cones, *cone_edges(body))
+        height, width = parts.shape
+        maps[view, :height, :width, 0] = np.where(parts > 0, 255, 0)
+        maps[view, :height, :width, 1] = proximity(edges, table)
+        roi[view] = region(parts > 0, 4)
+    return Maps(maps, roi).on(device)
 
 
-@cache
-def rig() -> CameraRig:
-    return scenes.ring(3, size=(160, 120))
-
-
-@pytest.mark.parametrize("name", ["song31"])  # PoCL compiles another body in 4 s
-def test_tracked_alone(device: Device, name: str) -> None:
-    """A moving body is tracked by its silhouettes and edges."""
-    body = load_body(name)
-    film = Film(device, body, rig())
+def test_a_moving_body_is_tracked_by_its_silhouettes_and_edges(device: Device) -> None:
+    body, rig = load_body("song31"), scenes.ring(3, size=(160, 120))
     method = Method.create("pso", "sp", n_particles=200, n_layers=12)
-    tracker = make_tracker(Scene(device, film.rig, None, body), method)
+    tracker = make_tracker(Scene(device, rig, None, body), method)
     tracker.start(body.rest_pose)
     random = np.random.default_rng(1)
     direction = random.choice([-1, 1], body.n_dof) * body.sigma
     for step in range(1, 7):
         pose = np.clip(body.rest_pose + step * direction, body.lower, body.upper)
-        found = tracker.step(film.features(pose)).pose
+        found = tracker.step(observe_silhouette(device, body, rig, pose)).pose
     start, end, reached = posed_joints(body, np.stack([body.rest_pose, pose, found]))
     moved, missed = (np.linalg.norm(end - there, axis=-1) for there in (start, reached))
     assert missed.mean() < 0.5 * moved.mean()
