@@ -23,6 +23,7 @@ os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 import numpy as np
 import pytest
 from helpers import examined, faults, parity
+from helpers.commands import succeed
 
 from apf.body.toml import save_body
 from apf.formats.pose import write_pose
@@ -32,7 +33,6 @@ from apf.synthetic.scene import SceneConfig
 from apf.takes.start import read_given_start
 from cl import Device
 from cl.listing import working_devices
-from psfs.cli import main
 
 #: Two drivers may give a processor the same name.
 DEVICES = {f"{number}-{d.name.strip()}": d for number, d in enumerate(working_devices())}
@@ -90,7 +90,7 @@ def made_out(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A stored run within its sequence's folder, for `out` to copy."""
     folder = faults.masks_folder(tmp_path_factory.mktemp("made") / "masks")
     out = folder / "out"
-    assert main(["reconstruct", str(folder), "-o", str(out), "--voxel-size", "0.04"]) == 0
+    succeed("psfs", "reconstruct", str(folder), "-o", str(out), "--voxel-size", "0.04")
     return out
 
 

@@ -9,7 +9,6 @@ from helpers.camera_texts import humaneva
 from helpers.commands import succeed
 
 from cl import InputError
-from psfs.cli import main
 from psfs.sequence import Sequence
 
 NAMES = ("BW1", "C1", "C2")
@@ -47,7 +46,7 @@ def test_it_opens_and_begins_together(tmp_path: Path) -> None:
 
     out = succeed("psfs", "info", folder, "--take", "Walking_1").out
     assert "HumanEva" in out and "BW1" in out and "--truth-start 99.00" in out
-    assert main(["convert", str(folder), "--take", "Box_1", "-o", str(tmp_path / "own")]) == 0
+    succeed("psfs", "convert", str(folder), "--take", "Box_1", "-o", str(tmp_path / "own"))
     own = Sequence.open(tmp_path / "own")
     np.testing.assert_array_equal(own.read(1).images, sequence.read(1).images)
 

@@ -14,7 +14,6 @@ from helpers.commands import fail, succeed
 from helpers.shared import shared_data
 
 import psfs
-from apf.cli import main
 from apf.keypoints.keypoints import Keypoints
 from apf.keypoints.readers.orders import MEDIAPIPE
 from psfs.cameras.camera import CameraRig
@@ -148,7 +147,7 @@ def test_whole_pictures_where_asked_for_replace_an_earlier_run(
         older.unlink()
         ours.claim(older)
         older.write_text("of a longer video")
-    assert main(command) == 0
+    succeed("apf", *command)
     assert set(stand_in.read_text().splitlines()) == {"480 640"}
     read = Keypoints.open(out, ["cam01"])
     assert read.n_frames == FRAMES and len(list(out.iterdir())) == 3
@@ -200,7 +199,7 @@ def test_without_the_extra_one_line(
 def test_mediapipe_itself(tmp_path: Path) -> None:
     folder = shared_data("synth_box_4cam")
     out = tmp_path / "pose"
-    assert main(["keypoints", str(folder), "-o", str(out), "--cameras", "cam01"]) == 0
+    succeed("apf", "keypoints", str(folder), "-o", str(out), "--cameras", "cam01")
     read, known = Keypoints.open(out, ["cam01"]), Keypoints.open(folder).select_cameras(["cam01"])
     away = np.hypot(*np.moveaxis((read.points - known.points)[0, :, 11:, :2], -1, 0))
     assert np.median(away) < 5

@@ -10,7 +10,6 @@ import pytest
 from helpers.commands import fail, succeed
 
 from apf.body.toml import load_body
-from apf.cli import main
 from apf.cli.batch import make_jobs
 from apf.evaluation.evaluate import evaluate
 from apf.evaluation.truth import load_truth
@@ -110,7 +109,7 @@ def test_a_body_of_frusta_and_a_mesh_of_the_person(walk: Path, tmp_path: Path) -
     few = ["--method", "pso", "--objective", "sp", "--body", "song31", *FEW]
     succeed(*track(walk, tmp_path / "mesh", *few, "--shape", f"{tmp_path}/box.ply"))
     again = ["--config", str(tmp_path / "mesh" / "settings.toml"), "-o", str(tmp_path / "again")]
-    assert main(["track", str(walk), *again, "--shape", "18"]) == 0  # a flag beats the file
+    succeed("apf", "track", str(walk), *again, "--shape", "18")  # a flag beats the file
     mesh, frusta = (Track.open(tmp_path / name) for name in ("mesh", "again"))
     assert not np.array_equal(mesh.poses, frusta.poses)
     looks = [json.loads(found.provenance)["image"] for found in (mesh, frusta)]
@@ -137,7 +136,7 @@ def test_several_takes_are_a_batch_without_exports(
     for day in days:
         shutil.copytree(walk, day)
     words = [*map(str, days), "-o", str(tmp_path / "out"), "--particles", "40"]
-    assert main(["track", *words]) == 0
+    succeed("apf", "track", *words)
     assert asked[0].to == ()
     jobs = make_jobs(asked[0])
     assert [job.name for job in jobs] == ["monday_walk", "tuesday_walk"]

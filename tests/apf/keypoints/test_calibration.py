@@ -9,11 +9,10 @@ import pytest
 from helpers import footage
 from helpers import keypoints as made
 from helpers.calibration import ring
-from helpers.commands import fail
+from helpers.commands import fail, succeed
 from helpers.striders import strider
 
 from apf.body.stature import stature
-from apf.cli import main
 from apf.keypoints.calibration import calibrate_by_keypoints
 from apf.keypoints.keypoints import Keypoints
 from cl import InputError
@@ -67,7 +66,7 @@ def test_the_command_writes_cameras_and_names_what_is_missing(
     flags += ["--intrinsics", str(tmp_path / "lens.toml"), "-o", str(out)]
     said = " ".join(fail("apf", *flags).split())
     assert "do not confirm" in said and "the whole person is in 0" in said
-    assert main([*flags, "--no-silhouettes"]) == 0
+    succeed("apf", *flags, "--no-silhouettes")
     found = read_calibration(out / "calibration.toml")
     apart = [np.linalg.norm(of[0] - of[2]) for of in (found.centres, RIG.centres)]
     assert abs(apart[0] / apart[1] - 1) < 0.12

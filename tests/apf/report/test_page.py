@@ -12,7 +12,6 @@ from helpers import footage, tracks
 from helpers.browser import browser
 from helpers.commands import fail, succeed
 
-from apf.cli import main
 from apf.report import PAGE
 from apf.report.agreement import Agreement
 from apf.report.page import encode_page_video, write_page
@@ -228,7 +227,7 @@ def test_commands_take_all_people_or_say_why_not(tmp_path: Path) -> None:
     files = [tmp_path / "files" / f"person{k}" / "angles.csv" for k in (1, 2)]
     assert all(file.exists() for file in files)
     assert "the person was not there in frames 0-1" in said
-    assert main(["smooth", str(out), "-o", str(tmp_path / "smooth")]) == 0
+    succeed("apf", "smooth", str(out), "-o", str(tmp_path / "smooth"))
     smooth = PeopleTracks.open(tmp_path / "smooth")
     assert [track.smoothing is not None for track in smooth] == [True, True]
     assert smooth.seen[1].tolist() == [2, 3, 4]

@@ -16,7 +16,6 @@ import apf
 import psfs
 from apf.body.kinematics import posed_joints
 from apf.body.toml import load_body
-from apf.cli import main
 from apf.formats.trc import read_trc
 from apf.keypoints.keypoints import Keypoints, TriangulationConfig
 from apf.keypoints.readers.orders import BODY_25, MEDIAPIPE
@@ -108,8 +107,8 @@ def test_command_writes_a_track(folder: Path, tmp_path: Path) -> None:
     video = cv2.VideoCapture(str(out / "overlay.mp4"))
     assert video.get(cv2.CAP_PROP_FRAME_COUNT) == 30
     again = tmp_path / "again"
-    assert main(["track", str(folder), "-o", str(again), "--config", str(out / "settings.toml"),
-                 "--no-overlay", "--frames", "0:30"]) == 0  # fmt: skip
+    settings = ["--config", str(out / "settings.toml"), "--no-overlay", "--frames", "0:30"]
+    succeed("apf", "track", folder, "-o", again, *settings)
     np.testing.assert_array_equal(apf.Track.open(again).joints, track.joints)
 
 
@@ -179,7 +178,7 @@ def test_several_people_are_tracked_by_keypoints_alone(
     flags = ["--keypoints", str(pose_of_two), "--objective", "keypoints", "--frames", "5:7"]
     flags += ["--body", "song31", "--particles", "60", "--layers", "3"]
     flags += ["--no-overlay", "--no-report"]
-    assert main(["track", str(folder), "-o", str(tmp_path / "out"), *flags]) == 0
+    succeed("apf", "track", str(folder), "-o", str(tmp_path / "out"), *flags)
     people = apf.PeopleTracks.open(tmp_path / "out")
     assert people.counts.tolist() == [2] * 2
     true = [posed_joints(BODY, poses[5:7]) for poses in (POSES, MOVED)]

@@ -22,7 +22,6 @@ from cl import InputError
 from psfs.cameras.calibration import find_calibration, read_calibration
 from psfs.cameras.calibration.writers import WRITERS, write_calibration
 from psfs.cameras.camera import Camera, CameraRig
-from psfs.cli import main
 from psfs.diagnostics.sequence_info import sequence_info
 from psfs.request import FORMATS as FORMATS_OF_CONVERT
 from psfs.sequence import Sequence
@@ -538,7 +537,7 @@ def test_convert_writes_the_calibration_of_other_programs(tmp_path: Path, kind: 
         tuple(replace(c, distortion=np.array([-0.1, 0.02, 0.001, -0.002, 0])) for c in plain_rig())
     )
     folder = native(tmp_path / "a", rig)
-    assert main(["convert", str(folder), "-o", str(tmp_path / "b"), "--to", kind]) == 0
+    succeed("psfs", "convert", str(folder), "-o", str(tmp_path / "b"), "--to", kind)
     path = find_calibration(tmp_path / "b") or tmp_path / "b" / "Calib.qca.txt"
     found = read_calibration(path)
     for a, b in zip(found, rig, strict=True):

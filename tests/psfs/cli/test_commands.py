@@ -12,7 +12,6 @@ from helpers import faults
 from helpers.commands import fail, succeed
 
 import psfs.cli.reconstruct as command
-from psfs.cli import main
 from psfs.output.preview import draw_preview
 from psfs.voxels.clouds import read_cloud
 
@@ -56,7 +55,7 @@ def test_reconstruct_then_check_then_view(
     assert truth["frames"] == 1 and 0.8 < truth["iou"] <= truth["ceiling"] + 0.05
     assert f"true masks of 1 frames: IoU {truth['iou']:.3f}" in said
 
-    assert main(["view", str(out), "--frame", "2", "--png", str(tmp_path / "view.png")]) == 0
+    succeed("psfs", "view", str(out), "--frame", "2", "--png", str(tmp_path / "view.png"))
     assert cv2.imread(str(tmp_path / "view.png")).shape[1] == 1800
     assert "frames 0 to 3" in fail("psfs", "view", out, "--frame", "9")
 

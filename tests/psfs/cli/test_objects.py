@@ -12,7 +12,6 @@ from helpers.commands import succeed
 
 from psfs.cameras.camera import CameraRig
 from psfs.cameras.units import rotate_rig, rotation_to_z_up
-from psfs.cli import main
 from psfs.output.reconstruction_folder import ReconstructionFolder
 
 HEIGHT = 1.8
@@ -54,7 +53,7 @@ def mean_iou(out: Path) -> float:
 @pytest.mark.parametrize("flags", [[], ["--subject", "object"]])
 def test_it_is_whole_without_a_flag(statue: Path, tmp_path: Path, flags: list[str]) -> None:
     out = tmp_path / "out"
-    assert main(["reconstruct", str(statue), "-o", str(out), *flags]) == 0
+    succeed("psfs", "reconstruct", str(statue), "-o", str(out), *flags)
     low, high = heights(out)
     assert low == pytest.approx(-HEIGHT, abs=0.06) and high == pytest.approx(0, abs=0.06)
     captured = succeed("psfs", "check", out)

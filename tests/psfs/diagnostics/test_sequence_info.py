@@ -6,12 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers import footage, scenes
-from helpers.commands import succeed
+from helpers.commands import fail, succeed
 
 from psfs.cameras.camera import CameraRig
 from psfs.cameras.rig_geometry import find_seen_box
 from psfs.cameras.units import rotate_rig, rotation_to_z_up, scale_rig
-from psfs.cli import main
 from psfs.diagnostics.sequence_info import rig_warnings, sequence_info
 from psfs.sequence import Sequence
 
@@ -78,4 +77,4 @@ def test_command(tmp_path: Path) -> None:
     assert "warning: all cameras lie below z = 0" in captured.out
     assert "(-1.00, -1.00, 0.00) to (1.00, 1.00, 2.00) m" in captured.out
     assert captured.err == ""
-    assert main(["info", str(folder), "--volume", "1,2,3"]) == 2
+    fail("psfs", "info", folder, "--volume", "1,2,3")

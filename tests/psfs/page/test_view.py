@@ -9,18 +9,17 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from helpers.commands import fail
+from helpers.commands import fail, succeed
 from helpers.scenes import ring
 from helpers.studio import save_voxels
 
 import psfs.cli.view as command
-from psfs.cli import main
 from psfs.page.pictures import crosses, find_straight_map, locate_point
 
 
 def test_a_picture_of_a_mesh(out: Path, tmp_path: Path) -> None:
     path = tmp_path / "view.png"
-    assert main(["view", str(out), "--frame", "2", "--png", str(path), "--mesh"]) == 0
+    succeed("psfs", "view", str(out), "--frame", "2", "--png", str(path), "--mesh")
     picture = cv2.imread(str(path))
     assert picture is not None and picture.shape[1] == 1800
     outline = cv2.inRange(picture[420:], np.array([40, 180, 40]), np.array([80, 255, 80]))
@@ -40,7 +39,7 @@ def watched(monkeypatch: pytest.MonkeyPatch, folder: Path, *flags: str) -> Calla
             look(page.watch)
 
         monkeypatch.setattr(command, "serve", serve)
-        assert main(["view", str(folder), "--port", "0", *flags]) == 0
+        succeed("psfs", "view", str(folder), "--port", "0", *flags)
 
     return show
 
