@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 from helpers import faults
-from helpers.commands import run
+from helpers.commands import run, succeed
 from helpers.faults import refused
 
 #: What no flag for a number takes.
@@ -214,8 +214,7 @@ NAMES = {
 def test_strange_names_are_written(stock: Path, kind: str) -> None:
     for words in WRITERS if kind == "no UTF-8" else WRITERS[1:]:
         name = NAMES[kind] + words[1] + (".png" if words[-1] == "--png" else "")
-        outcome = run(*words, name)
-        assert outcome.code == 0, outcome
+        outcome = succeed(*words, name)
         assert Path(name).exists() and "\x1b[31m" not in outcome.out + outcome.err
 
 
@@ -233,8 +232,7 @@ def test_a_sequence_of_strange_names(stock: Path) -> None:
     for name in NAMES.values():
         folder = stock / f"take {name.replace('/', '')}"
         (stock / "walk").rename(folder)
-        outcome = run("psfs", "info", str(folder), "--no-pictures")
-        assert outcome.code == 0, outcome
+        succeed("psfs", "info", folder, "--no-pictures")
         folder.rename(stock / "walk")
 
 

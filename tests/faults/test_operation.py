@@ -18,7 +18,7 @@ import numpy as np
 import pyopencl
 import pytest
 from helpers import faults
-from helpers.commands import run
+from helpers.commands import run, run_python, succeed
 from helpers.shared import ROOT
 
 import apf.tracking.pipeline as pipeline
@@ -66,18 +66,15 @@ def test_a_full_disk(stock: Path) -> None:
         "resource.setrlimit(resource.RLIMIT_FSIZE, (900, 900));"
         "from psfs.cli import main; sys.exit(main(sys.argv[1:]))"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", code, *reconstruct(stock)[1:], "--device", "numpy"],
-        capture_output=True, text=True, check=False,
-        # What is compiled here would be cut to 900 bytes, for all other tests to fail over.
-        env={**os.environ, "PYTHONPATH": str(ROOT), "PYTHONDONTWRITEBYTECODE": "1"},
-    )  # fmt: skip
-    assert done.returncode == 2 and "File too large" in done.stderr, done
-    assert "Traceback" not in done.stderr
+    # What is compiled here would be cut to 900 bytes, for all other tests to fail over.
+    words = [*reconstruct(stock)[1:], "--device", "numpy"]
+    done = run_python("-c", code, *words, PYTHONDONTWRITEBYTECODE="1")
+    assert done.code == 2 and "File too large" in done.err, done
+    assert "Traceback" not in done.err
     readable(stock / "new")
     assert find_unfinished_command(stock / "new") is not None
-    again = run(*reconstruct(stock, "--device", "numpy"))
-    assert again.code == 0 and find_unfinished_command(stock / "new") is None
+    succeed(*reconstruct(stock, "--device", "numpy"))
+    assert find_unfinished_command(stock / "new") is None
 
 
 @pytest.mark.parametrize("command", [reconstruct, track])

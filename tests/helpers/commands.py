@@ -2,6 +2,9 @@
 
 import contextlib
 import io
+import os
+import subprocess
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -49,3 +52,13 @@ def fail(*words: str | Path) -> str:
     outcome = run(*words)
     assert outcome.code == 2, outcome
     return outcome.err
+
+
+def run_python(*words: str | Path, **environment: str | None) -> Outcome:
+    """Run Python in a process of its own, with the modules found here; None is no variable."""
+    modules = {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+    known = {k: v for k, v in {**os.environ, **modules, **environment}.items() if v is not None}
+    done = subprocess.run(
+        [sys.executable, *words], env=known, capture_output=True, text=True, check=False
+    )
+    return Outcome(done.returncode, done.stdout, done.stderr)
