@@ -12,16 +12,18 @@ from apf.filters.config import FilterConfig
 from apf.likelihood.voxel import GRASP_WEIGHT, VoxelLikelihood, choose_cone_sampling
 from apf.reference.likelihood.voxel import (
     FrameEvidence,
+    NumpyVoxelLikelihood,
     grasp_errors,
     posture_errors,
     subset,
     total_errors,
 )
 from apf.scene import Scene
-from cl import Array, Device
+from cl import Array, Device, NumpyDevice
 from helpers import bodies, scenes
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.reconstructor import Reconstructor
+from psfs.reference.reconstructor import NumpyReconstructor
 from psfs.voxels.grid import VoxelGrid
 
 CONFIG = FilterConfig.create(n_particles=37, n_points=100)
@@ -98,6 +100,21 @@ def only(name: str, **settings: Any) -> FilterConfig:
     weights: Any = {f"{term}_weight": float(term == name) for term in terms}
     weights["posture_prior_weight"] = weights.pop("posture_weight")
     return CONFIG.with_changes(**weights, **settings)
+
+
+def observe_pictures(
+    device: Device, rig: CameraRig, images: np.ndarray
+) -> tuple[VoxelLikelihood, NumpyVoxelLikelihood, Any]:
+    """Return a likelihood and its twin that have observed these pictures (V, H, W, 3) uint8 in the
+    test body's silhouettes, and the voxels of the first."""
+    grid, body, config = scenes.small_grid(0.08), bodies.named("song31"), CONFIG.likelihood
+    picture: Any = scenes.frame(images=images, masks=scenes.masks_of(rig))
+    ours = VoxelLikelihood(Scene(device, rig, grid, body), config, 37)
+    voxels = Reconstructor(device, rig, grid, None)(picture)
+    ours.observe(voxels)
+    twin = NumpyVoxelLikelihood(Scene(NumpyDevice(), rig, grid, body), config)
+    twin.observe(NumpyReconstructor(NumpyDevice(), rig, grid, None)(picture))
+    return ours, twin, voxels
 
 
 def assert_cost_nothing(device: Device, **weights: float) -> None:
