@@ -1,6 +1,5 @@
 """A voxel likelihood on the device with poses and maps of the test's own choice."""
 
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -19,7 +18,7 @@ from apf.reference.likelihood.voxel import (
     total_errors,
 )
 from apf.scene import Scene
-from cl import Array, Device, NumpyDevice
+from cl import Device, NumpyDevice
 from helpers import bodies, scenes
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.reconstructor import Reconstructor
@@ -46,13 +45,6 @@ def smooth_maps(rig: CameraRig, seed: int = 0) -> np.ndarray:
     noise = ndimage.gaussian_filter(noise, (0, 6, 6, 0))
     noise = (noise - noise.min()) / np.ptp(noise)
     return np.rint(255 * noise).astype(np.uint8)
-
-
-def cloud(grid: VoxelGrid, surface: Array, count: Array) -> Any:
-    """As much of `Voxels` as a likelihood needs."""
-    return SimpleNamespace(
-        grid=grid, evidence=None, surface=surface, count=count, pictures=lambda: None
-    )
 
 
 class Setup:

@@ -2,11 +2,14 @@
 
 from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
+from typing import Any
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
+from cl import Device
 from psfs.background.gaussian import Background
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.sequence import Frame
@@ -120,6 +123,18 @@ def pictures_of(rig: CameraRig, seed: int = 0) -> tuple[Frame, Background]:
     images = np.where(masks[..., None] > 0, 128.0, mean + random.normal(0, 2, shape))
     pictures = np.clip(images, 0, 255).astype(np.uint8)
     return frame(images=pictures, masks=masks), Background(mean, std)
+
+
+def voxels_at(device: Device, grid: VoxelGrid, indices: np.ndarray) -> Any:
+    """As much of `Voxels` as those need who look at the surface; what is beyond the count is
+    stale."""
+    listed = np.full(grid.size, grid.size - 1, np.int32)
+    listed[: len(indices)] = indices
+    count = np.array([len(indices)], np.int32)
+    return SimpleNamespace(
+        grid=grid, surface=device.to_device(listed), count=device.to_device(count), evidence=None,
+        pictures=lambda: None,
+    )  # fmt: skip
 
 
 #: With it no brick of voxels is left out, so that all can be compared with the twin.

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from helpers import bodies, scenes
-from helpers.likelihoods import CONFIG, FRONT, Setup, cloud, only
+from helpers.likelihoods import CONFIG, FRONT, Setup, only
 
 from apf.body.cones import overlap_errors
 from apf.body.kinematics import posed_cones
@@ -25,7 +25,7 @@ from apf.reference.likelihood.voxel import (
     total_errors,
 )
 from apf.scene import Scene
-from cl import Array, Device, InputError
+from cl import Device, InputError
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.common.cones import CONE_FLOATS
 from psfs.voxels.grid import VoxelGrid
@@ -39,12 +39,7 @@ def point_sampler(
     """A likelihood that has sampled the surface voxels `indices`; its points (n_points, 4)."""
     config = CONFIG.with_changes(n_points=n_points).likelihood
     likelihood = VoxelLikelihood(Scene(device, scenes.ring(1), grid, body), config, 2)
-    surface: Array = device.empty(grid.size, np.int32)
-    padded = np.full(grid.size, grid.size - 1, np.int32)  # what is beyond `count` is stale
-    padded[: len(indices)] = indices
-    surface.set(padded)
-    count = device.to_device(np.array([len(indices)], np.int32))
-    likelihood.observe(cloud(grid, surface, count))
+    likelihood.observe(scenes.voxels_at(device, grid, indices))
     return likelihood, likelihood.points.get()
 
 
@@ -135,8 +130,7 @@ def observed(
     grid = scenes.small_grid(0.1)
     indices = np.arange(0, grid.size, 7, dtype=np.int32)
     setup = Setup(device, body, scenes.ring(views), poses, config, grid)
-    count = device.to_device(np.array([len(indices)], np.int32))
-    setup.likelihood.observe(cloud(grid, device.to_device(indices), count))
+    setup.likelihood.observe(scenes.voxels_at(device, grid, indices))
     return setup, sampled_surface(grid.centres(indices), config.likelihood.n_points)
 
 

@@ -1,8 +1,6 @@
 """Each kernel of the silhouettes on every OpenCL device, given what the others left, against the
 twin of that step."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 from helpers import scenes
@@ -167,12 +165,7 @@ def test_what_is_learnt(device: Device, views: int, shown: str) -> None:
     cell_odds = device.zeros((views, *cells(rig)), np.int8)
     prior = ForegroundPrior(device.zeros(BINS**3, np.int8), cell_odds)
     foreground = Foreground(device, rig, CONFIG, *inputs, prior)
-    listed = np.append(surface, np.int32(grid.size - 1))  # what is beyond `count` is stale
-    voxels = SimpleNamespace(
-        grid=grid,
-        surface=device.to_device(listed),
-        count=device.to_device(np.array([len(surface)], np.int32)),
-    )
+    voxels = scenes.voxels_at(device, grid, surface)
     for _ in range(3):
         images = np.where(person[..., None], [40, 90, 200], random.integers(0, 256, (*shape, 3)))
         images = images.astype(np.uint8)
