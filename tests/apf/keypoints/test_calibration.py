@@ -1,14 +1,13 @@
 """Cameras in metres, Z up, from the keypoints of a body that walks."""
 
 import json
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from helpers import footage
 from helpers import keypoints as made
-from helpers.calibration import ring
+from helpers.calibration import ring, unplaced
 from helpers.commands import fail, succeed
 from helpers.striders import strider
 
@@ -35,9 +34,8 @@ def walk() -> tuple[Keypoints, float]:
 
 def test_the_world_has_z_up_and_metres(walk: tuple[Keypoints, float]) -> None:
     keypoints, height = walk
-    bare = [replace(c, R=np.eye(3), t=np.zeros(3)) for c in RIG]
     config = PersonConfig(stature=height, longest_lag=0)
-    found = calibrate_by_keypoints(bare, keypoints, 60.0, config)
+    found = calibrate_by_keypoints(unplaced(list(RIG)), keypoints, 60.0, config)
     own, true = found.rig.centres, RIG.centres
     apart = [np.linalg.norm(of[:, None] - of[None], axis=-1) for of in (own, true)]
     np.testing.assert_allclose(apart[0], apart[1], rtol=0.06)
@@ -55,8 +53,7 @@ def test_the_command_writes_cameras_and_names_what_is_missing(
         footage.write_video(path, [0] * keypoints.n_frames, 60, camera.size)
     names = {"keypoint_names": keypoints.names, "camera_names": keypoints.camera_names}
     np.savez(tmp_path / "keypoints.npz", keypoints=keypoints.points, **names)
-    lenses = [replace(c, R=np.eye(3), t=np.zeros(3)) for c in RIG]
-    write_toml_tables(tmp_path / "lens.toml", CameraRig(tuple(lenses)))
+    write_toml_tables(tmp_path / "lens.toml", CameraRig(tuple(unplaced(list(RIG)))))
     flags = ["calibrate", str(tmp_path), "--keypoints", str(tmp_path / "keypoints.npz")]
     out = tmp_path / "out"
     assert "--intrinsics PATH" in fail("apf", *flags, "-o", out)
