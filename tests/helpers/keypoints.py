@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from apf.body.kinematics import bone_matrices
 from apf.body.model import BodyModel
 from apf.keypoints.keypoints import Keypoints
 from apf.keypoints.landmarks import locate_points
@@ -41,11 +40,8 @@ def of_poses(
 def world_points(body: BodyModel, poses: np.ndarray, names: tuple[str, ...]) -> np.ndarray:
     """Return the keypoints' positions (F, K, 3) m; NaN for those that the body lacks."""
     on = locate_points(body, names)
-    rotations, origins = bone_matrices(body, poses)
     places = np.full((len(poses), len(names), 3), np.nan)
-    places[:, on.columns] = origins[:, on.bones] + np.einsum(
-        "fpab,pb->fpa", rotations[:, on.bones], on.offsets
-    )
+    places[:, on.columns] = on.place(body, poses)
     return places
 
 
