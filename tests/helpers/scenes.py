@@ -86,6 +86,18 @@ def without_distortion(rig: CameraRig) -> CameraRig:
     return CameraRig(tuple(replace(camera, distortion=np.zeros(5)) for camera in rig))
 
 
+def turned(camera: Camera, turn: npt.ArrayLike) -> Camera:
+    """Return a camera turned about its centre by a rotation vector (3,)."""
+    R = cv2.Rodrigues(np.asarray(turn, float))[0] @ camera.R
+    return replace(camera, R=R, t=-R @ camera.centre)
+
+
+def pixels_apart(a: CameraRig, b: CameraRig, points: np.ndarray) -> float:
+    """Return how far apart cameras see points (N, 3), px."""
+    pairs = zip(a, b, strict=True)
+    return float(np.mean([np.abs(c.project(points)[0] - d.project(points)[0]) for c, d in pairs]))
+
+
 def small_grid(voxel_size: float = 0.06) -> VoxelGrid:
     return VoxelGrid.covering(np.array([-0.7, -0.6, -0.1]), np.array([0.8, 0.7, 1.9]), voxel_size)
 

@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 import pytest
 from helpers import footage, scenes
+from helpers.camera_texts import projections
 from helpers.shared import shared_data
 from PIL import Image
 
@@ -240,15 +241,12 @@ def test_a_table_says_whose_videos_are(tmp_path: Path) -> None:
 
 def test_flat_folder_with_masks_for_all_and_images_for_some(tmp_path: Path) -> None:
     rig = footage.rig(3)
-    text = ""
     for view, camera in enumerate(rig):
-        P = camera.K @ np.column_stack([camera.R, camera.t])
-        text += " ".join([camera.name, *map(str, P.ravel())]) + "\n"
         for frame in (1, 2):
             footage.write_image(tmp_path / f"silh_{camera.name}_{frame:05d}.pbm", 255 * (frame - 1))
             if view:
                 footage.write_image(tmp_path / f"{camera.name}_{frame:05d}.png", 9)
-    (tmp_path / "projection_matrices.txt").write_text(text)
+    (tmp_path / "projection_matrices.txt").write_text(projections(rig))
     sequence = Sequence.open(tmp_path)
     assert len(sequence) == 2 and sequence.background_kind == "masks"
     assert [frame.masks.mean() for frame in sequence] == [0, 255]

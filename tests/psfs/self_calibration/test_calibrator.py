@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 import pytest
 from helpers import scenes
-from helpers.calibration import unplaced
+from helpers.calibration import moved, unplaced
 
 from cl import InputError
 from psfs.cameras.camera import CameraRig
@@ -109,9 +109,8 @@ def test_a_given_start_is_adjusted_in_its_own_world():
     tell up."""
     rng, start = np.random.default_rng(5), []
     for camera in CAMERAS:
-        turn = cv2.Rodrigues(rng.normal(0, np.radians(1.2), 3))[0]
-        R = turn @ camera.R
-        start.append(replace(camera, R=R, t=-R @ (camera.centre + rng.normal(0, 0.03, 3))))
+        turned = scenes.turned(camera, rng.normal(0, np.radians(1.2), 3))
+        start.append(moved(turned, rng.normal(0, 0.03, 3)))
     lags = np.add(LAGS, [0, 0.5, -0.5, 0.4])
     places = rng.uniform(-1, 1, (12, 2))
     corners = np.stack([np.column_stack([places, np.full(12, z)]) for z in (0.2, 2)], axis=1)
