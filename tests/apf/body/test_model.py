@@ -19,22 +19,18 @@ SONG = load_body("song31")
 def moved(**dofs: float) -> dict[str, np.ndarray]:
     """Return the displacement (3,) m of each joint of song31 for these degrees of freedom (. as
     __)."""
-    pose = SONG.rest_pose.copy()
-    for name, value in dofs.items():
-        pose[SONG.dof_names.index(name.replace("__", "."))] += value
-    step = posed_joints(SONG, np.stack([SONG.rest_pose, pose]))
+    step = posed_joints(SONG, np.stack([SONG.rest_pose, bodies.bent(SONG, **dofs)]))
     return dict(zip(SONG.joint_names, step[1] - step[0], strict=True))
 
 
 def test_the_trunk_of_song32_bends_sideways() -> None:
-    bent = load_body("song32")
-    assert set(bent.dof_names) - set(SONG.dof_names) == {"thorax.rx"}
-    pose = bent.rest_pose.copy()
-    pose[bent.dof_names.index("thorax.rx")] = 0.3
-    joints = dict(zip(bent.joint_names, posed_joints(bent, pose[None])[0], strict=True))
+    body = load_body("song32")
+    assert set(body.dof_names) - set(SONG.dof_names) == {"thorax.rx"}
+    places = posed_joints(body, bodies.bent(body, thorax__rx=0.3)[None])[0]
+    joints = dict(zip(body.joint_names, places, strict=True))
     assert joints["neck"][1] < -0.1  # to the right
     assert joints["l_hip"][2] == joints["r_hip"][2]
-    assert trunk_mask(bent)[bent.dof_names.index("thorax.rx")]
+    assert trunk_mask(body)[body.dof_names.index("thorax.rx")]
 
 
 @pytest.mark.parametrize("side", ["l", "r"])

@@ -31,11 +31,8 @@ def test_inside_of_a_trapezoid_either_way_round() -> None:
 def test_a_hidden_leg_costs_what_it_leaves_uncovered() -> None:
     """Both legs in one leg's silhouette: precision sees nothing amiss, recall does."""
     rig = scenes.ring(4)
-    pose = SONG.rest_pose.copy()
-    pose[SONG.dof_names.index("l_thigh.ry")] -= 0.5
-    hidden = pose.copy()
-    hidden[SONG.dof_names.index("l_thigh.ry")] = SONG.rest_pose[SONG.dof_names.index("l_thigh.ry")]
-    cones = posed_cones(SONG, np.stack([pose, hidden]))
+    pose = bodies.bent(SONG, l_thigh__ry=-0.5)
+    cones = posed_cones(SONG, np.stack([pose, SONG.rest_pose]))
     random = np.random.default_rng(0)
     t = random.uniform(0, 1, (4000, 1))
     of = cones[0][random.integers(len(SONG.cones), size=4000)]

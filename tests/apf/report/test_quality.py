@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers import tracks
+from helpers import bodies, tracks
 from helpers.striders import strider, synthetic_walker
 
 from apf.body.kinematics import posed_cones, posed_joints
@@ -135,9 +135,8 @@ def test_a_short_clip_is_not_called_good(good: Quality) -> None:
 def test_a_track_of_the_opposite_posture_is_bad(scene: Scene) -> None:
     """Doubtful limbs in all frames, which the silhouettes deny as well."""
     track = scene[1]
-    poses = track.poses.copy()
-    for name, by in (("l_upper_arm.ry", -1.4), ("r_upper_arm.ry", -1.4), ("l_thigh.ry", 1.2)):
-        poses[:, track.dof_names.index(name)] += by
+    changes = {"l_upper_arm__ry": -1.4, "r_upper_arm__ry": -1.4, "l_thigh__ry": 1.2}
+    poses = bodies.bent(track.its_body, track.poses, **changes)
     assert judged(scene, tracked(track.its_body, poses)).verdict == "bad"
 
 

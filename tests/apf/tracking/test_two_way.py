@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -37,11 +38,7 @@ def estimate(pose: np.ndarray, lost: bool = False, body: BodyModel = BODY) -> Es
     return Estimate(body, pose, np.full(body.n_dof, 0.02), ones, ones, ones, lost=lost)
 
 
-def moved(pose: np.ndarray, **angles: float) -> np.ndarray:
-    pose = pose.copy()
-    for name, change in angles.items():
-        pose[BODY.dof_names.index(name.replace("__", "."))] += change
-    return pose
+moved = partial(bodies.bent, BODY)
 
 
 def together(
