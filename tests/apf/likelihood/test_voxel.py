@@ -208,10 +208,7 @@ def test_posture_kernel_agrees(device: Device, name: str, n: int) -> None:
 
 def card(corners: list, width: float) -> np.ndarray:
     """A round cone (1, 1, CONE_FLOATS) between two corners."""
-    row = np.zeros(CONE_FLOATS)
-    row[0:3], row[4:7], row[3], row[7] = *corners, width / 2, width / 2
-    row[8:11], row[12:15] = [0, 1, 0], [-1, 0, 0]
-    return row[None, None]
+    return bodies.cone(*corners, (width / 2, width / 2), [0, 1, 0])[None, None]
 
 
 UPRIGHT = card([[0, 0, -0.4], [0, 0, 0.4]], 0.2)
