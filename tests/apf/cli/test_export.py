@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from helpers.commands import fail, succeed
 from helpers.striders import SONG, strider
-from helpers.tracks import walker
+from helpers.tracks import lose, walker
 
 import apf
 from apf.body.toml import save_body
@@ -49,7 +49,7 @@ def test_a_c3d_of_more_frames_than_it_counts(tmp_path: Path) -> None:
 
 
 def test_choices(tmp_path: Path) -> None:
-    track = replace(strider(60, noise=0.01), diagnostics={"lost": np.arange(60) // 10 == 2})
+    track = lose(strider(60, noise=0.01), np.arange(20, 30))
     track.save(tmp_path / "track.npz")
     out = tmp_path / "out"
     wanted = ["--to", "trc", "bvh", "-o", str(out), "--axes", "z-up", "--raw"]

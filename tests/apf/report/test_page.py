@@ -221,8 +221,7 @@ def test_people_are_switched_on_and_off(tmp_path: Path) -> None:
 def test_commands_take_all_people_or_say_why_not(tmp_path: Path) -> None:
     out = tmp_path / "out"
     both = tracks.pair()
-    away = replace(both[1], diagnostics={**both[1].diagnostics, "lost": np.arange(6) < 2})
-    replace(both, tracks=(both[0], away)).save(out)
+    replace(both, tracks=(both[0], tracks.lose(both[1], [0, 1]))).save(out)
     said = succeed("apf", "export", out, "--to", "csv", "--raw", "-o", tmp_path / "files").out
     files = [tmp_path / "files" / f"person{k}" / "angles.csv" for k in (1, 2)]
     assert all(file.exists() for file in files)

@@ -168,13 +168,12 @@ def test_the_body_s_own_points_are_near_it(scene: Scene) -> None:
 
 def test_lost_frames_and_unsure_ends() -> None:
     """Without any pictures."""
-    track = tracks.walker(30, start=10)
+    track = tracks.lose(tracks.walker(30, start=10), [20, 21])
     covariance = np.tile(0.02**2 * np.eye(3), (30, 15, 1, 1))
     covariance[4, track.joint_names.index("r_wrist")] *= 100
-    covariance[20:22] = np.nan
-    lost = np.zeros(30, bool)
-    lost[20:22] = True
-    quality = Quality(replace(track, diagnostics={"covariance": covariance, "lost": lost}), None)
+    covariance[track.lost] = np.nan
+    told = {**track.diagnostics, "covariance": covariance}
+    quality = Quality(replace(track, diagnostics=told), None)
     assert {what: rows.tolist() for what, rows in quality.doubtful.items()} == {
         "the person, lost": [20, 21],
         "right arm": [4],
@@ -189,9 +188,7 @@ def test_lost_frames_and_unsure_ends() -> None:
 
 
 def test_frames_without_the_person_are_not_judged() -> None:
-    track = tracks.walker(40)
-    lost = np.isin(track.frames, np.arange(10, 21))
-    track = replace(track, diagnostics={"lost": lost})
+    track = tracks.lose(tracks.walker(40), np.arange(10, 21))
     assert Quality(track, None).verdict == "bad"
     assert "11 of 40 frames lost" in Quality(track, None).lines()[0]
     visitor = Quality(track, None, seen=np.delete(track.frames, np.arange(10, 20)))
@@ -250,6 +247,5 @@ def test_frame_rates_that_are_too_high(stroll: Track) -> None:
 
 def test_what_is_not_judged(stroll: Track) -> None:
     fast = replace(stroll, fps=2.2 * stroll.fps)
-    lost = {**fast.diagnostics, "lost": np.ones(len(fast), bool)}
-    assert not find_impossible_motion(replace(fast, diagnostics=lost))
+    assert not find_impossible_motion(tracks.lose(fast, np.arange(len(fast))))
     assert not find_impossible_motion(fast.select(np.arange(2)))

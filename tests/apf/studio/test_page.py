@@ -116,8 +116,7 @@ def test_what_a_browser_sends_for_a_file_is_one_of_the_options(tmp_path: Path, p
 
 def test_a_file_that_has_another_beside_it_is_packed_with_it(tmp_path: Path, page: Page) -> None:
     folder = save_track(tmp_path / "runs" / "walk")
-    track = replace(tracks.walker(), diagnostics={"lost": np.arange(30) > 25})
-    track.save(folder / "track.npz")
+    tracks.lose(tracks.walker(), np.arange(26, 30)).save(folder / "track.npz")
     page.open(folder)
     page.export.ending.value = ".mot"
     name, content = page.export.make_file()

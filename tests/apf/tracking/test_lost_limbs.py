@@ -96,8 +96,7 @@ def test_commands_keep_and_say_it(track: Track, tmp_path: Path) -> None:
 
 def test_a_report_looks_at_it(track: Track) -> None:
     """Where the person is lost no limb is lost besides."""
-    lost = np.arange(len(track)) == 12
-    quality = Quality(replace(track, diagnostics={**track.diagnostics, "lost": lost}), None)
+    quality = Quality(tracks.lose(track, 12), None)
     assert quality.doubtful["left arm"].tolist() == [10, 11, 13]
     facts = quality.facts()
     assert facts["lost_limbs"] == dict.fromkeys(limb_names(track.its_body), "") | {

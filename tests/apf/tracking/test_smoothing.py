@@ -88,10 +88,8 @@ def test_other_angles_of_the_same_rotation_move_no_limb() -> None:
 
 
 def test_lost_frames_stay_as_they_are() -> None:
-    _, track = jittery()
-    lost = np.zeros(len(track), bool)
-    lost[50:60] = lost[0] = True
-    track = replace(track, diagnostics={"lost": lost})
+    track = tracks.lose(jittery()[1], [0, *range(50, 60)])
+    lost = track.lost
     assert find_unbroken_parts(track) == [slice(1, 50), slice(60, 120)]
     found = smooth_track(track)
     np.testing.assert_array_equal(found.lost, lost)
