@@ -86,7 +86,6 @@ def stock(folder: Path) -> Path:
     succeed("psfs", "reconstruct", folder / "seq", "-o", folder / "out",
             "--voxel-size", "0.08", "--volume", "-0.6,0.6,-0.6,0.6,0,1.9")  # fmt: skip
     track = tracks.walker(6, body_name=DEFAULT_BODY)
-    (folder / "track").mkdir()
     track.save(folder / "track/track.npz")
     assert track.body is not None
     save_body(folder / "track/body.toml", track.body)

@@ -70,7 +70,6 @@ def test_lost_person_and_limbs_are_named(tmp_path: Path, page: Page) -> None:
     sure[3, 0] = 0.0
     lost = np.arange(10) == 5
     track = replace(track, diagnostics={"lost": lost, "limb_confidence": sure})
-    (tmp_path / "run").mkdir()
     track.save(tmp_path / "run" / "track.npz")
     watch = watch_in(page, tmp_path / "run")
     watch.time_line.seek(3)
@@ -136,7 +135,6 @@ def test_a_folder_that_is_gone_is_named(tmp_path: Path, page: Page) -> None:
 
 def test_running_track_is_watched_by_its_parts(tmp_path: Path, page: Page) -> None:
     run = tmp_path / "run"
-    (run / "parts").mkdir(parents=True)
     tracks.walker(6).save(run / "parts" / "track_000000000.npz")
     assert len(watch_in(page, run).opened.frames) == 6
 
