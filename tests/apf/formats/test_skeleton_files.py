@@ -12,6 +12,7 @@ import trimesh
 from helpers import bodies
 from helpers.gltf import gltf_nodes, gltf_values
 from helpers.striders import strider, track_of_poses
+from helpers.tracks import lose
 from scipy.spatial.transform import Rotation
 
 from apf.body.kinematics import bone_matrices, posed_cones
@@ -142,9 +143,7 @@ def test_gltf_rebuilds_joints_and_skin(tmp_path: Path, name: str) -> None:
 
 def test_trimesh_opens_a_glb(tmp_path: Path) -> None:
     track = strider(20)
-    lost = np.zeros(20, bool)
-    lost[3:5] = True
-    replace(track, diagnostics={"lost": lost}).save(tmp_path / "a.glb")
+    lose(track, [3, 4]).save(tmp_path / "a.glb")
     scene = trimesh.load(tmp_path / "a.glb")
     assert len(scene.geometry) == 3 and {"Hips", "LeftFoot"} <= set(scene.graph.nodes)
     place = in_world(scene.graph.get("LeftFoot")[0][:3, 3])
