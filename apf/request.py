@@ -11,11 +11,11 @@ from pydantic import Field
 from pydantic.fields import FieldInfo
 
 from apf.cluster import CORES_BESIDE_GPU, PER_GPU
-from apf.evaluation.marker_sets import SHIPPED
+from apf.evaluation import MARKER_SETS
 from apf.filters.method import Method
 from apf.filters.searches import OBJECTIVES, SEARCHES
 from apf.filters.term_weights import TERMS, USUAL_TERMS, list_comparing_weights, parse_weights
-from apf.formats.axes import AXES
+from apf.formats import AXES
 from apf.image_objective.config import ObjectiveConfig
 from apf.live.config import LiveConfig
 from apf.presets import PRESETS
@@ -633,7 +633,7 @@ class EvaluateRequest(Request):
     markers: Annotated[
         str | None,
         Flag("compare markers on the body with the truth's, by their labels: a TOML file that says "
-             f"where each is fixed, or {', '.join(SHIPPED)} (docs/formats.md)", "SET",
+             f"where each is fixed, or {', '.join(MARKER_SETS)} (docs/formats.md)", "SET",
              path_or_name),
     ] = None  # fmt: skip
     truth_start: Annotated[

@@ -23,13 +23,16 @@ os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 import numpy as np
 import pytest
 from helpers import examined, faults, parity
+from helpers.commands import succeed
 
+from apf.body.toml import save_body
+from apf.formats.pose import write_pose
 from apf.initialisation.start import StartConfig
 from apf.synthetic.generate import generate
 from apf.synthetic.scene import SceneConfig
+from apf.takes.start import read_given_start
 from cl import Device
 from cl.listing import working_devices
-from psfs.cli import main
 
 #: Two drivers may give a processor the same name.
 DEVICES = {f"{number}-{d.name.strip()}": d for number, d in enumerate(working_devices())}
@@ -72,11 +75,22 @@ def walk(small_walk: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="session")
+def fitted(small_walk: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with the body and the first pose of `small_walk`, fitted once for all tests."""
+    found = read_given_start(small_walk, 0, None, small_walk / "truth.npz", "y-up")
+    assert found is not None
+    folder = tmp_path_factory.mktemp("fitted")
+    save_body(folder / "body.toml", found[0])
+    write_pose(folder / "start.txt", found[1], found[0])
+    return folder
+
+
+@pytest.fixture(scope="session")
 def made_out(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A stored run within its sequence's folder, for `out` to copy."""
     folder = faults.masks_folder(tmp_path_factory.mktemp("made") / "masks")
     out = folder / "out"
-    assert main(["reconstruct", str(folder), "-o", str(out), "--voxel-size", "0.04"]) == 0
+    succeed("psfs", "reconstruct", str(folder), "-o", str(out), "--voxel-size", "0.04")
     return out
 
 

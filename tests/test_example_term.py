@@ -9,8 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-
-from apf.cli import main
+from helpers.commands import fail
 
 ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "tests" / "example_term"
@@ -75,8 +74,6 @@ def test_a_tracker_uses_the_term(tested: tuple[str, Path]) -> None:
     assert np.isfinite(track["poses"]).all()
 
 
-def test_without_the_package_there_is_no_such_term(
-    small_walk: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["track", str(small_walk), "-o", str(tmp_path / "out"), *TRACK]) == 2
-    assert "no term 'near_limits'" in capsys.readouterr().err
+def test_without_the_package_there_is_no_such_term(small_walk: Path, tmp_path: Path) -> None:
+    said = fail("apf", "track", small_walk, "-o", tmp_path / "out", *TRACK)
+    assert "no term 'near_limits'" in said

@@ -1,11 +1,10 @@
 """Commands answer without what only their work needs, in modules rather than in seconds."""
 
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
 import pytest
+from helpers.commands import run_python
 
 import apf.cli.commands
 import psfs.cli.commands
@@ -36,9 +35,9 @@ for words in {list(codes)}:
     code = main(words.split())
     print("LOADED", code, *sys.modules, file=sys.__stdout__, flush=True)
 """
-    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT)
-    found = [line.split()[1:] for line in run.stdout.splitlines() if line.startswith("LOADED ")]
-    assert len(found) == len(codes), run.stderr
+    run = run_python("-c", code)
+    found = [line.split()[1:] for line in run.out.splitlines() if line.startswith("LOADED ")]
+    assert len(found) == len(codes), run.err
     for (words, expected), (status, *modules) in zip(codes.items(), found, strict=True):
         assert int(status) == expected, words
         assert not {*HEAVY}.intersection(modules), words

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from helpers.commands import run_python
 
 from psfs.common import system
 
@@ -47,12 +48,10 @@ print("imported", imported)
 
 
 def test_everything_imports_and_helps_without_what_posix_has() -> None:
-    run = subprocess.run(
-        [sys.executable, "-c", WITHOUT_POSIX], capture_output=True, text=True, cwd=ROOT
-    )
-    assert run.returncode == 0, run.stderr
-    assert int(run.stdout.split()[-1]) > 300
-    assert run.stderr.splitlines()[-1].startswith("psfs: error: NOWHERE: no such folder")
+    run = run_python("-c", WITHOUT_POSIX)
+    assert run.code == 0, run.err
+    assert int(run.out.split()[-1]) > 300
+    assert run.err.splitlines()[-1].startswith("psfs: error: NOWHERE: no such folder")
 
 
 def test_a_lock_is_held_until_the_file_closes(tmp_path: Path) -> None:
@@ -61,15 +60,10 @@ def test_a_lock_is_held_until_the_file_closes(tmp_path: Path) -> None:
         "import sys; from psfs.common.system import lock_file; file = open(sys.argv[1], 'ab')\n"
         "try: lock_file(file)\nexcept BlockingIOError: print('locked')\nelse: print('free')"
     )
-
-    def other_process() -> str:
-        run = [sys.executable, "-c", code, str(path)]
-        return subprocess.run(run, capture_output=True, text=True, cwd=ROOT).stdout.strip()
-
     with path.open("ab") as file:
         system.lock_file(file)
-        assert other_process() == "locked"
-    assert other_process() == "free"
+        assert run_python("-c", code, path).out.strip() == "locked"
+    assert run_python("-c", code, path).out.strip() == "free"
 
 
 def test_windows_locks_a_byte_that_nobody_reads(

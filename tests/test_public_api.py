@@ -9,11 +9,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers.commands import succeed
 
 import apf
-import apf.cli
 import psfs
-import psfs.cli
 from psfs.common.files import read_toml
 
 ROOT = Path(__file__).parents[1]
@@ -43,7 +42,7 @@ def test_types_and_data_files_are_packaged() -> None:
 
 
 def test_reconstruct_gives_the_clouds_of_the_command(small_walk: Path, tmp_path: Path) -> None:
-    assert psfs.cli.main(["reconstruct", str(small_walk), "-o", str(tmp_path)]) == 0
+    succeed("psfs", "reconstruct", small_walk, "-o", tmp_path)
     clouds = list(psfs.reconstruct(psfs.open_sequence(small_walk)))  # all kept, none overwritten
     assert len(clouds) == 4
     for frame, cloud in enumerate(clouds):
@@ -67,17 +66,8 @@ def test_reconstruct_takes_a_volume_frames_and_no_colour(small_walk: Path) -> No
 
 def test_track_gives_the_track_of_the_command(small_walk: Path, tmp_path: Path) -> None:
     truth = small_walk / "truth.npz"
-    command = [
-        "track",
-        str(small_walk),
-        "-o",
-        str(tmp_path),
-        "--init",
-        str(truth),
-        "--no-overlay",
-        "--no-report",
-    ]
-    assert apf.cli.main([*command, "--particles", "60", "--layers", "4"]) == 0
+    flags = ["--no-overlay", "--no-report", "--particles", "60", "--layers", "4"]
+    succeed("apf", "track", small_walk, "-o", tmp_path, "--init", truth, *flags)
     stages: list[str] = []
     track = apf.track(
         psfs.open_sequence(small_walk),
@@ -102,7 +92,9 @@ def test_track_gives_the_track_of_the_command(small_walk: Path, tmp_path: Path) 
 
 def test_track_takes_a_pose_and_says_what_is_wrong(small_walk: Path) -> None:
     sequence = psfs.open_sequence(small_walk)
-    body, pose, _ = apf.fit_to_joints(apf.load_body("song31"), first_joints(small_walk))
+    truth = apf.load_truth(small_walk / "truth.npz")
+    joints = dict(zip(truth.joint_names, truth.joints[0], strict=True))
+    body, pose, _ = apf.fit_to_joints(apf.load_body("song31"), joints)
     method = apf.Method.create(n_particles=30, n_layers=2)
     track = apf.track(sequence, body=body, init=pose, method=method, frames=slice(0, 2))
     assert track.frames.tolist() == [0, 1] and np.isfinite(track.joints).all()
@@ -148,8 +140,3 @@ def test_readme_example_runs(
         exec(compile(block, "README.md", "exec"), names)
     assert (tmp_path / "walk.bvh").stat().st_size > 1000
     assert apf.evaluate(names["track"], apf.load_truth(small_walk / "truth.npz")).mean_error < 0.1
-
-
-def first_joints(walk: Path) -> dict[str, np.ndarray]:
-    truth = apf.load_truth(walk / "truth.npz")
-    return dict(zip(truth.joint_names, truth.joints[0], strict=True))

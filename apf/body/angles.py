@@ -55,7 +55,7 @@ def segment_frames(body: BodyModel) -> dict[str, tuple[int, np.ndarray]]:
     """Return for each segment its bone and its anatomical frame (3, 3) in that bone's frame."""
     bone_of = {joint.name: joint.bone for joint in body.joints}
     upright, _ = bone_matrices(body, np.zeros((1, body.n_dof)))
-    world = standing_axes(body)
+    world, joints = standing_axes(body), standing_joints(body)
     trunk = {"pelvis": bone_of.get("pelvis"), "head": bone_of.get("neck")}
     trunk["thorax"] = _common_ancestor(body, [bone_of.get("l_shoulder"), bone_of.get("r_shoulder")])
     frames = {
@@ -70,18 +70,23 @@ def segment_frames(body: BodyModel) -> dict[str, tuple[int, np.ndarray]]:
             for segment, top, bottom in ((near, *names[:2]), (_DISTAL_SEGMENTS[near], *names[1:])):
                 bone = bone_of[top]
                 right = upright[0, bone].T @ world[:, 2] if axis is None else axis[segment == near]
-                frame = _build_frame(_joint_vector(body, bottom, top, bone), right)
-                frames[side + segment] = (bone, frame)
+                along = upright[0, bone].T @ (joints[top] - joints[bottom])
+                frames[side + segment] = (bone, _build_frame(along, right))
         shank = frames.get(f"{side}shank", (-2,))[0]
         for bone in (index for index, child in enumerate(body.bones) if child.parent == shank):
             frames[f"{side}foot"] = (bone, upright[0, bone].T @ world)
     return frames
 
 
+def standing_joints(body: BodyModel) -> dict[str, np.ndarray]:
+    """Return the joints (3,) m by name of the body with all its angles at 0."""
+    joints = posed_joints(body, np.zeros((1, body.n_dof)))[0]
+    return dict(zip(body.joint_names, joints, strict=True))
+
+
 def standing_axes(body: BodyModel) -> np.ndarray:
     """Return columns forward, up, right (3, 3) of the body with all its angles at 0."""
-    joints = posed_joints(body, np.zeros((1, body.n_dof)))[0]
-    positions = dict(zip(body.joint_names, joints, strict=True))
+    positions = standing_joints(body)
     for left, right in (("l_hip", "r_hip"), ("l_shoulder", "r_shoulder")):
         if {left, right, "pelvis", "neck"} <= set(positions):
             up = positions["neck"] - positions["pelvis"]
@@ -103,14 +108,6 @@ def _build_frame(up: np.ndarray, right: np.ndarray, keep: str = "up") -> np.ndar
         y = up - (up @ z) * z
         y = y / np.linalg.norm(y)
     return np.stack([np.cross(y, z), y, z], -1)
-
-
-def _joint_vector(body: BodyModel, start: str, end: str, bone: int) -> np.ndarray:
-    """Return the vector (3,) between two joints in the frame of `bone`, to which both are fixed."""
-    upright = np.zeros((1, body.n_dof))
-    rotations, _ = bone_matrices(body, upright)
-    at = dict(zip(body.joint_names, posed_joints(body, upright)[0], strict=True))
-    return rotations[0, bone].T @ (at[end] - at[start])
 
 
 def _hinge_axis(body: BodyModel, bone: int, forward: bool) -> tuple[np.ndarray, np.ndarray] | None:

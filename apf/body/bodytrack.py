@@ -19,6 +19,8 @@ _N_DOF = 31
 _HALF_TURN, _QUARTER = np.pi, np.pi / 2
 #: Indices of the pelvis's position in the pose, the only values that are lengths.
 TRANSLATIONS = slice(3, 6)
+#: The file by which a body is recognised.
+_SHAPE = "BodyShapeParameters.txt"
 
 _DOF_NAMES = (
     "pelvis.rx", "pelvis.ry", "pelvis.rz", "pelvis.tx", "pelvis.ty", "pelvis.tz",
@@ -47,7 +49,7 @@ _EDGES = (
 
 def is_bodytrack(folder: Path) -> bool:
     """Return whether `folder` holds a bodytrack body."""
-    return (folder / "BodyShapeParameters.txt").is_file()
+    return (folder / _SHAPE).is_file()
 
 
 def read_poses(path: Path) -> np.ndarray:
@@ -77,28 +79,22 @@ def read_body(folder: Path) -> BodyModel:
     does not apply them either. The rest pose is that of InitialPose.txt. Raises InputError naming
     the file that is wrong.
     """
-    shape = read_numbers(folder / "BodyShapeParameters.txt")
+    shape_file, ranges_file = folder / _SHAPE, folder / "PoseParameters.txt"
+    shape = read_numbers(shape_file)
     if shape.size != 58:
         raise InputError(
-            f"{folder / 'BodyShapeParameters.txt'}: {shape.size} numbers; expected 58 "
-            "(10 parts x 4 and 18 lengths)"
+            f"{shape_file}: {shape.size} numbers; expected 58 (10 parts x 4 and 18 lengths)"
         )
-    _check(shape, folder / "BodyShapeParameters.txt", 3000)
+    _check(shape, shape_file, 3000)
     if not np.all(shape >= 0):
-        raise InputError(
-            f"{folder / 'BodyShapeParameters.txt'}: holds {shape.min():g}; expected 0 or more"
-        )
-    ranges = read_numbers(folder / "PoseParameters.txt")
+        raise InputError(f"{shape_file}: holds {shape.min():g}; expected 0 or more")
+    ranges = read_numbers(ranges_file)
     if ranges.size != 3 * _N_DOF:
-        raise InputError(
-            f"{folder / 'PoseParameters.txt'}: {ranges.size} numbers; expected {3 * _N_DOF}"
-        )
-    _check(ranges, folder / "PoseParameters.txt", 1e5)
+        raise InputError(f"{ranges_file}: {ranges.size} numbers; expected {3 * _N_DOF}")
+    _check(ranges, ranges_file, 1e5)
     sigma = ranges[:_N_DOF].copy()
     if not np.all(sigma >= 0):
-        raise InputError(
-            f"{folder / 'PoseParameters.txt'}: a deviation is {sigma.min():g}; expected 0 or more"
-        )
+        raise InputError(f"{ranges_file}: a deviation is {sigma.min():g}; expected 0 or more")
     sigma[TRANSLATIONS] *= 1e-3
     bones = _bones(shape[40:] * 1e-3)
     index = {bone.name: i for i, bone in enumerate(bones)}

@@ -238,7 +238,9 @@ def load_mesh(
             f"{path}: vertices up to {np.abs(vertices).max():g} m from the origin; expected metres"
         )
     if weights is None:
-        table = _nearest_bones(vertices, body, pose)
+        gaps = cone_distances(vertices, posed_cones(body, pose[None])[0])
+        bones = np.array([cone.bone for cone in body.cones])[gaps.argmin(1)]
+        table = np.eye(len(body.bones))[bones]
     else:
         table = _read_weights(Path(weights), body, len(vertices))
     return skinned_mesh(vertices, faces, table, body, pose)
@@ -265,13 +267,6 @@ def skinned_mesh(
         edged=np.ones(len(used), bool),
         names=tuple(body.bones[b].name for b in used),
     )
-
-
-def _nearest_bones(vertices: np.ndarray, body: BodyModel, pose: np.ndarray) -> np.ndarray:
-    """Return weights (M, B): 1 for the bone of the cone whose surface is nearest."""
-    gaps = cone_distances(vertices, posed_cones(body, pose[None])[0])
-    bones = np.array([cone.bone for cone in body.cones])[gaps.argmin(1)]
-    return np.eye(len(body.bones))[bones]
 
 
 def _read_weights(path: Path, body: BodyModel, n_vertices: int) -> np.ndarray:

@@ -268,39 +268,27 @@ def _tabulate(body: BodyModel) -> dict[str, Any]:
             }
             for bone in body.bones
         ],
-        "cone": [
-            {
-                "name": cone.name,
-                "bone": bone_names[cone.bone],
-                "start": cone.start.tolist(),
-                "end": cone.end.tolist(),
-                "radii": list(cone.radii),
-                "side": cone.side.tolist(),
-                "scale": list(cone.scale),
-                "in_images": cone.in_images,
-            }
-            for cone in body.cones
-        ],
-        "joint": [
-            {
-                "name": joint.name,
-                "bone": bone_names[joint.bone],
-                "position": joint.position.tolist(),
-            }
-            for joint in body.joints
-        ],
+        "cone": [_plain_entry(cone, bone_names) for cone in body.cones],
+        "joint": [_plain_entry(joint, bone_names) for joint in body.joints],
+    }
+
+
+def _plain_entry(part: Cone | Joint, bone_names: Sequence[str]) -> dict[str, Any]:
+    """Return the fields of a part in plain values, its bone by name."""
+    fields = vars(part) | {"bone": bone_names[part.bone]}
+    return {
+        name: np.asarray(value).tolist() if isinstance(value, (np.ndarray, tuple)) else value
+        for name, value in fields.items()
     }
 
 
 def _axis_entry(body: BodyModel, axis: FreeAxis) -> dict[str, object]:
-    lower, upper = float(body.lower[axis.dof]), float(body.upper[axis.dof])
+    rows = {"sigma": body.sigma, "rest": body.rest_pose, "posture_sigma": body.posture_sigma}
+    rows |= {"posture_rise": body.posture_rise}
     return {
         "axis": ("-" if axis.sign < 0 else "") + axis.kind,
         "dof": axis.dof,
         "name": body.dof_names[axis.dof],
-        "sigma": float(body.sigma[axis.dof]),
-        "rest": float(body.rest_pose[axis.dof]),
-        "posture_sigma": float(body.posture_sigma[axis.dof]),
-        "posture_rise": float(body.posture_rise[axis.dof]),
-        "limits": [lower, upper],
+        **{name: float(values[axis.dof]) for name, values in rows.items()},
+        "limits": [float(body.lower[axis.dof]), float(body.upper[axis.dof])],
     }

@@ -10,13 +10,11 @@ from apf.keypoints.keypoints import Keypoints
 from apf.request import CalibrateRequest
 from cl import InputError
 from psfs.cameras.camera import Camera, CameraRig
+from psfs.cameras.rig_geometry import transfer_poses
 from psfs.cli.commandline import remark
 from psfs.cli.person import (
     open_person_footage,
     outline_footage,
-    read_lenses,
-    read_person_config,
-    transfer_poses,
     write_person_calibration,
 )
 from psfs.common.outputs import output_folder
@@ -25,6 +23,7 @@ from psfs.request import CALIBRATION, REPORT
 from psfs.self_calibration.calibrator import PersonCalibration, adjust_calibration
 from psfs.self_calibration.config import PersonConfig
 from psfs.self_calibration.points.calibrator import PointCalibration
+from psfs.self_calibration.world import measure_path
 from psfs.sequence import Sequence
 
 
@@ -40,11 +39,7 @@ def run(request: CalibrateRequest) -> None:
 
 
 def _calibrate(request: CalibrateRequest) -> None:
-    config = read_person_config(request)
-    views = open_person_footage(request)
-    large, kept = read_lenses(request, views)
-    if not kept:
-        config = config.free_lenses()
+    views, large, config = open_person_footage(request)
     keypoints = Keypoints.open(request.keypoints or "", views)
     for note in keypoints.notes:
         remark("note", "cyan", note)
@@ -78,8 +73,7 @@ def _as_person_calibration(found: PointCalibration) -> PersonCalibration:
     """Return what the keypoints say as a calibration by a person, misfits in px of the pictures."""
     count = int(np.isfinite(found.points).all(axis=-1).sum())
     middle = np.nanmedian(found.points, axis=1)[:, :2]
-    middle = middle[np.isfinite(middle).all(axis=1)]
-    path = float(np.sqrt(np.linalg.eigvalsh(np.cov(middle.T))[-1]))
+    path = measure_path(middle[np.isfinite(middle).all(axis=1)])
     residual = float(np.median(found.errors))
     return PersonCalibration(
         found.rig, found.lags, residual, count, found.errors, path, levelled=False

@@ -19,7 +19,6 @@ from apf.tracking.limb_confidence import LOST_LIMB, SAME_PLACE
 from apf.tracking.track import Track
 from apf.tracking.uncertainty import is_inside_ellipsoid
 from cl import InputError
-from psfs.common.files import write_json
 from psfs.common.numbers import find_true_runs, json_number, mean_known
 
 #: A joint farther than this from the truth, m, counts as lost in that frame.
@@ -205,9 +204,6 @@ class Evaluation:
             **summarise_angles(self.angles),
         }
 
-    def write_json(self, path: str | Path) -> None:
-        write_json(Path(path), self.summary())
-
     def write_csv(self, path: str | Path) -> None:
         """Write one row per frame: frame, time_s, mean_mm, then <joint>_mm, blank without truth."""
         names = ["mean_mm", *(f"{name}_mm" for name in self.joint_names)]
@@ -372,13 +368,11 @@ def _is_lost(errors: np.ndarray) -> bool:
 
 
 def list_warnings(frames: np.ndarray, truth: JointSeries) -> tuple[str, ...]:
-    """Return what a reader of the figures should know: tracked `frames` that the
-    truth lacks."""
-    warnings = []
+    """Return what a reader of the figures should know: tracked `frames` that the truth lacks."""
     n_common = int(np.isin(frames, truth.frames).sum())
-    if n_common < len(frames):
-        warnings.append(f"the truth covers {n_common} of the track's {len(frames)} frames")
-    return tuple(warnings)
+    if n_common == len(frames):
+        return ()
+    return (f"the truth covers {n_common} of the track's {len(frames)} frames",)
 
 
 def _span(frames: np.ndarray) -> str:

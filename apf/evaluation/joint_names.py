@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 
 import numpy as np
+
+from apf.keypoints.landmarks import list_sided_names, normalise_name
 
 #: The joints that `apf evaluate` compares.
 EVALUATED_JOINTS = (
@@ -35,24 +36,16 @@ _SIDED = {
 }
 
 
-def _aliases() -> dict[str, tuple[str, ...]]:
-    aliases: dict[str, tuple[str, ...]] = dict(_MIDDLE)
-    for short, side in (("l", "left"), ("r", "right")):
-        for joint, words in _SIDED.items():
-            aliases[f"{short}_{joint}"] = tuple(
-                name
-                for word in words
-                for name in (short + word, side + word, word + short, word + side)
-            )
-    return aliases
-
-
-ALIASES = _aliases()
+ALIASES: dict[str, tuple[str, ...]] = _MIDDLE | {
+    f"{side}_{joint}": list_sided_names(words, side)
+    for side in "lr"
+    for joint, words in _SIDED.items()
+}
 
 
 def match_joints(names: Sequence[str], joints: Sequence[str] = EVALUATED_JOINTS) -> dict[str, int]:
     """Return the index in `names` of each of `joints` that is there under any of its names."""
-    plain = [re.sub(r"[^a-z0-9]", "", name.split(":")[-1].lower()) for name in names]
+    plain = [normalise_name(name.split(":")[-1]) for name in names]
     matches = {}
     for joint in joints:
         index = next((plain.index(alias) for alias in ALIASES[joint] if alias in plain), None)

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from apf.body.kinematics import bone_matrices
+from apf.evaluation import MARKER_SETS
 from apf.evaluation.evaluate import Evaluation, common_frames, evaluate_points
-from apf.evaluation.marker_sets import FOLDER, SHIPPED
 from apf.formats.trc import JointSeries
 from apf.keypoints.landmarks import Landmark, locate_points, parse_landmarks
 from apf.tracking.track import Track
@@ -30,9 +30,10 @@ class MarkerSet:
 def load_markers(source: str | Path) -> MarkerSet:
     """Read a marker set: the name of a shipped one, or a TOML file with [[marker]] tables, whose
     keys are those of `landmarks.toml`, and optionally `stature`. Raises InputError."""
-    path = FOLDER / f"{source}.toml" if str(source) in SHIPPED else Path(source)
+    path = MARKER_SETS.get(str(source), Path(source))
     if path.suffix.lower() != ".toml":
-        raise InputError(f"markers {source}: expected a TOML file or one of {join_names(SHIPPED)}")
+        shipped = join_names(MARKER_SETS)
+        raise InputError(f"markers {source}: expected a TOML file or one of {shipped}")
     values = read_toml(path)
     stature = values.pop("stature", 1.75)
     entries = values.pop("marker", [])

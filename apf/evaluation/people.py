@@ -7,7 +7,6 @@ data set for multi-target, multi-camera tracking, ECCV Workshops 2016.
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -17,14 +16,13 @@ from typing import Any
 import numpy as np
 
 from apf.evaluation.evaluate import Evaluation, evaluate, list_warnings
-from apf.evaluation.joint_names import evaluated_joints
+from apf.evaluation.joint_names import EVALUATED_JOINTS, evaluated_joints
 from apf.evaluation.truth import load_people_truth
 from apf.formats.trc import JointSeries
 from apf.tracking.people import PeopleTracks
 from apf.tracking.track import Track
 from cl import InputError
-from psfs.common.files import write_json
-from psfs.common.numbers import match_pairs
+from psfs.common.numbers import known_means, match_pairs
 
 #: A track whose joints lie farther than this, m, from a true person's on average is not theirs.
 MATCHED = 0.5
@@ -117,9 +115,6 @@ class PeopleEvaluation:
             ],
         }
 
-    def write_json(self, path: str | Path) -> None:
-        write_json(Path(path), self.summary())
-
 
 def find_followed(track: Track, truth: Mapping[str, JointSeries]) -> str:
     """Return the name of the true person who is nearest to a track, in the mean distance of joints.
@@ -200,7 +195,7 @@ def _points(
     names: Sequence[str], joints: np.ndarray, of: np.ndarray, frames: np.ndarray
 ) -> np.ndarray:
     """Return the joints (F, 15, 3) that are compared in each of `frames`, NaN where missing."""
-    points = np.full((len(frames), *evaluated_joints(names, joints[:1])[0].shape[1:]), np.nan)
+    points = np.full((len(frames), len(EVALUATED_JOINTS), 3), np.nan)
     _, rows, at = np.intersect1d(frames, of, return_indices=True)
     points[rows] = evaluated_joints(names, joints[at])[0]
     return points
@@ -208,9 +203,7 @@ def _points(
 
 def _apart(person: np.ndarray, track: np.ndarray) -> np.ndarray:
     """Return the mean distance (F,), m, of the joints that both have, infinite without any."""
-    with warnings.catch_warnings():  # a frame that lacks one of them
-        warnings.simplefilter("ignore", RuntimeWarning)
-        mean = np.nanmean(np.linalg.norm(person - track, axis=-1), axis=-1)
+    mean = known_means(np.linalg.norm(person - track, axis=-1), axis=-1)
     return np.where(np.isfinite(mean), mean, np.inf)
 
 

@@ -46,7 +46,8 @@ def write_glb(path: str | Path, motion: BodyMotion, surface: Surface | None = No
     else:
         mesh, colours = surface.bind(body), surface.colours
         origins, turned = skeleton.bind(body, surface.pose, bones)
-    bind = file.add(_inverse_bind_matrices(origins, turned), "MAT4")
+    back = row_matrices(-np.einsum("jab,ja->jb", turned, origins), turned.swapaxes(1, 2))
+    bind = file.add(back.astype(np.float32), "MAT4")
     file.model["skins"] = [{"joints": nodes, "inverseBindMatrices": bind}]
     _add_mesh(file, skeleton, bones, mesh, (origins, turned), colours)
     if len(motion.poses):
@@ -170,12 +171,12 @@ def _add_animation(file: _File, skeleton: Skeleton, motion: BodyMotion) -> None:
     rotations, positions = skeleton.motion(motion.body, motion.poses)
     points = motion.points
     times = file.add((points.times - points.times[0]).astype(np.float32), "SCALAR")
-    lost = [int(frame) for frame in points.frames[motion.lost]]
     limbs = {
-        name: [int(frame) for frame in points.frames[column]]
+        name: points.frames[column].tolist()
         for name, column in zip(limb_names(motion.body), motion.lost_limbs.T, strict=True)
         if column.any()
     }
+    lost = points.frames[motion.lost].tolist()
     extras = {"lost_frames": lost, "lost_limbs": limbs, "note": points.note}
     samplers: list[dict[str, Any]] = []
     channels = []
@@ -195,12 +196,11 @@ def _add_animation(file: _File, skeleton: Skeleton, motion: BodyMotion) -> None:
     ]
 
 
-def _inverse_bind_matrices(origins: np.ndarray, turned: np.ndarray) -> np.ndarray:
-    """Return inverse bind matrices (J, 4, 4) float32, by columns: from the mesh to frames of these
-    origins (J, 3) and rotations (J, 3, 3)."""
-    matrices = np.tile(np.eye(4, dtype=np.float32), (len(origins), 1, 1))
-    matrices[:, :3, :3] = turned
-    matrices[:, 3, :3] = -np.einsum("jab,ja->jb", turned, origins)
+def row_matrices(shifts: np.ndarray, rotations: np.ndarray) -> np.ndarray:
+    """Return matrices (J, 4, 4) for row vectors, which are those for columns by columns, of
+    rotations (J, 3, 3) and then shifts (J, 3)."""
+    matrices = np.tile(np.eye(4), (len(shifts), 1, 1))
+    matrices[:, :3, :3], matrices[:, 3, :3] = rotations.swapaxes(1, 2), shifts
     return matrices
 
 

@@ -9,13 +9,13 @@ LeftHand, ...
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from apf.body.angles import rotation_between, standing_axes
-from apf.body.kinematics import bone_matrices, posed_joints
+from apf.body.angles import rotation_between, standing_axes, standing_joints
+from apf.body.kinematics import bone_matrices
 from apf.body.markers import virtual_markers
 from apf.body.model import BodyModel, Joint, find_side, sideless
 from psfs.common.numbers import FROM_Y_UP
@@ -50,12 +50,11 @@ class Skeleton:
     """A tree of nodes with its rest attitude.
 
     nodes: depth first, parents before children. rest: (B, 3, 3) rotations from the bones' frames to
-    the rest attitude. node_of: index of the node at each joint and marker, by its name.
+    the rest attitude.
     """
 
     nodes: tuple[Node, ...]
     rest: np.ndarray
-    node_of: Mapping[str, int]
 
     def children(self, index: int) -> list[int]:
         """Return the indices of a node's children."""
@@ -108,7 +107,7 @@ def build_skeleton(body: BodyModel) -> Skeleton:
     for index, bone in enumerate(body.bones):
         if bone.parent < 0:
             builder.add_bone(index, -1)
-    return Skeleton(tuple(builder.nodes), builder.rest, builder.node_of)
+    return Skeleton(tuple(builder.nodes), builder.rest)
 
 
 class _Builder:
@@ -117,7 +116,6 @@ class _Builder:
     def __init__(self, body: BodyModel) -> None:
         self.body, self.rest = body, _rest_attitude(body)
         self.nodes: list[Node] = []
-        self.node_of: dict[str, int] = {}
         self._markers = [m for m in virtual_markers(body) if sideless(m.name) in _HOLDERS]
 
     def add_bone(self, index: int, parent: int) -> None:
@@ -135,9 +133,7 @@ class _Builder:
     def _add_joint(self, joint: Joint, bone_node: int) -> None:
         """Add a joint, unless its bone begins there, and its markers."""
         node = bone_node
-        if np.linalg.norm(joint.position) < 1e-9:
-            self.node_of[joint.name] = bone_node
-        else:
+        if np.linalg.norm(joint.position) >= 1e-9:
             node = self._add_point(joint, bone_node, joint.position)
         for marker in self._markers:
             side = marker.name.removesuffix(sideless(marker.name))
@@ -145,7 +141,6 @@ class _Builder:
                 self._add_point(marker, node, marker.position - joint.position)
 
     def _add_point(self, point: Joint, parent: int, offset: np.ndarray) -> int:
-        self.node_of[point.name] = len(self.nodes)
         name = node_name(point.name)
         name += "Joint" * any(name == node.name for node in self.nodes)  # beside its bone
         self.nodes.append(Node(name, parent, self.rest[point.bone] @ offset))
@@ -157,10 +152,9 @@ def _rest_attitude(body: BodyModel) -> np.ndarray:
 
     There the body has all its angles at 0 and its arms turned outwards, facing along Z with Y up.
     """
-    upright = np.zeros((1, body.n_dof))
-    rotations = bone_matrices(body, upright)[0][0].copy()
+    rotations = bone_matrices(body, np.zeros((1, body.n_dof)))[0][0].copy()
     forward, up, right = standing_axes(body).T
-    places = dict(zip(body.joint_names, posed_joints(body, upright)[0], strict=True))
+    places = standing_joints(body)
     for side, outwards in (("l", -right), ("r", right)):
         shoulder, elbow = f"{side}_shoulder", f"{side}_elbow"
         if {shoulder, elbow} <= set(places):

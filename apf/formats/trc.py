@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from apf.formats.axes import AXES
+from apf.formats import AXES
 from cl import InputError
 from psfs.cameras.units import rotation_to_z_up
 from psfs.common.files import MOST_BYTES, open_text, read_text

@@ -13,7 +13,7 @@ import numpy as np
 
 from apf.body.mesh import MAX_BONES
 from apf.body.surface import Surface
-from apf.formats.glb import make_quaternions
+from apf.formats.glb import make_quaternions, row_matrices
 from apf.formats.motion import BodyMotion
 from apf.formats.skeleton import TO_Y_UP, build_skeleton
 from psfs.common.files import write_text
@@ -100,8 +100,8 @@ def write_usd(path: str | Path, motion: BodyMotion, surface: Surface) -> None:
         last=frames[-1] if frames else 0,
         fps=motion.points.fps,
         joints="[" + ", ".join(f'"{name}"' for name in names.values()) + "]",
-        bind=_array(_matrices(*skeleton.bind(body, surface.pose, bones))),
-        rest=_array(_matrices(bound[1][0, nodes], bound[0][0, nodes])),
+        bind=_array(row_matrices(*skeleton.bind(body, surface.pose, bones))),
+        rest=_array(row_matrices(bound[1][0, nodes], bound[0][0, nodes])),
         rotations=_samples(frames, np.stack(quaternions, 1)),
         translations=_samples(frames, positions),
         scales=_array(np.ones((len(nodes), 3))),
@@ -115,13 +115,6 @@ def write_usd(path: str | Path, motion: BodyMotion, surface: Surface) -> None:
         width=width,
     )
     write_text(path, text)
-
-
-def _matrices(origins: np.ndarray, rotations: np.ndarray) -> np.ndarray:
-    """Return matrices (J, 4, 4) for row vectors of rotations (J, 3, 3) and then shifts (J, 3)."""
-    matrices = np.tile(np.eye(4), (len(origins), 1, 1))
-    matrices[:, :3, :3], matrices[:, 3, :3] = rotations.swapaxes(1, 2), origins
-    return matrices
 
 
 def _samples(frames: Iterable[int], values: np.ndarray) -> str:

@@ -40,16 +40,15 @@ _FROM_VOXELS = 0.6
 @dataclass(eq=False)
 class _Person:
     """Somebody in space: chosen (V,) person of each camera, -1 for none, by frame; points (K, 3) m
-    as last seen in frame `last`."""
+    as last seen."""
 
     points: np.ndarray
-    last: int
     chosen: dict[int, np.ndarray] = field(default_factory=dict)
 
-    def take(self, chosen: np.ndarray, frame: int) -> None:
-        """Give somebody the persons (V,) of a frame."""
-        self.chosen[frame] = chosen
-        self.last = frame
+    @property
+    def last(self) -> int:
+        """The latest frame in which somebody is seen."""
+        return next(reversed(self.chosen))
 
 
 def associate_people(
@@ -174,7 +173,7 @@ class _Search:
             if joints is None:
                 continue
             one.points = np.where(np.isfinite(joints), joints, one.points)
-            one.take(rows, frame)
+            one.chosen[frame] = rows
             seen = np.flatnonzero(rows >= 0)
             free[seen, rows[seen]] = False
         while (new := self._find_new(frame, free)) is not None:
@@ -184,7 +183,7 @@ class _Search:
             if joints is not None:
                 one = self._find_returning(joints, frame)
                 one.points = joints
-                one.take(new, frame)
+                one.chosen[frame] = new
 
     def _locate(self, rows: np.ndarray, frame: int) -> np.ndarray | None:
         """Take those of cameras that contradict the others out of the persons (V,) of a frame;
@@ -214,7 +213,7 @@ class _Search:
             if apart < nearest and (full or apart <= reach):
                 best, nearest = one, apart
         if best is None:
-            best = _Person(points, frame)
+            best = _Person(points)
             self.people.append(best)
         return best
 

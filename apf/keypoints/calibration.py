@@ -12,12 +12,13 @@ from apf.body.toml import load_body
 from apf.keypoints.keypoints import Keypoints
 from apf.keypoints.landmarks import find_landmarks, locate_points
 from cl import InputError
-from psfs.calibration.scene import CalibrationScene, rigid_transform, turn_to_up
-from psfs.cameras.camera import Camera, CameraRig
+from psfs.calibration.scene import turn_to_up
+from psfs.cameras.camera import Camera
 from psfs.cameras.names import join_names
+from psfs.cameras.units import scale_rig
 from psfs.self_calibration.config import PersonConfig
 from psfs.self_calibration.points.calibrator import PointCalibration, calibrate_by_points
-from psfs.self_calibration.world import fit_floor
+from psfs.self_calibration.world import fit_floor, transform_rig
 
 #: Landmarks that are used, each of both sides. Networks guess faces that are turned away, and put
 #: hips elsewhere in each view.
@@ -78,18 +79,16 @@ def _align(
     """Return the calibration in metres, Z up, with Z = 0 on the floor below the person's middle."""
     size = _measure_scale(result.points, names, standing)
     points = size * result.points
-    cameras = [replace(camera, t=size * camera.t) for camera in result.rig]
-    R = turn_to_up(_measure_up(points, names), cameras[0].R[0])
+    rig = scale_rig(result.rig, size)
+    R = turn_to_up(_measure_up(points, names), rig[0].R[0])
     ankles = [k for k, name in enumerate(names) if name.endswith("_ankle")]
     low = _find_lowest(points[:, ankles] @ R.T)
-    slope = fit_floor(low, _LEAN)
-    R = turn_to_up(R.T @ np.array([-slope[0], -slope[1], 1.0]), cameras[0].R[0])
+    R = turn_to_up(R.T @ fit_floor(low, _LEAN), rig[0].R[0])
     local = points @ R.T
     middle = np.nanmedian(local.reshape(-1, 3), axis=0)
     floor = np.median(_find_lowest(local[:, ankles])[:, 2]) - standing[names[ankles[0]]][2]
     origin = np.array([*middle[:2], floor])
-    turned = CalibrationScene(tuple(cameras), {}).transform(rigid_transform(R, -origin))
-    return replace(result, rig=CameraRig(turned.cameras), points=local - origin)
+    return replace(result, rig=transform_rig(rig, R, -origin), points=local - origin)
 
 
 def _measure_scale(points: np.ndarray, names: list[str], standing: dict[str, np.ndarray]) -> float:
@@ -98,13 +97,10 @@ def _measure_scale(points: np.ndarray, names: list[str], standing: dict[str, np.
     lengths = [float(np.linalg.norm(_measure_up(points, names)))]
     ends = [standing[f"l_{name}"] for name in ("shoulder", "ankle")]
     wanted = [float((ends[0] - ends[1])[2])]
-    for side in "lr":
-        for pair in _SEGMENTS:
-            sided = [f"{side}_{name}" for name in pair]
-            if set(sided) <= set(names):
-                a, b = (points[:, names.index(end)] for end in sided)
-                lengths.append(float(np.nanmedian(np.linalg.norm(a - b, axis=-1))))
-                wanted.append(float(np.linalg.norm(standing[sided[0]] - standing[sided[1]])))
+    for a, b in _find_segments(names):
+        apart = np.linalg.norm(points[:, a] - points[:, b], axis=-1)
+        lengths.append(float(np.nanmedian(apart)))
+        wanted.append(float(np.linalg.norm(standing[names[a]] - standing[names[b]])))
     return sum(wanted) / sum(lengths)
 
 

@@ -194,7 +194,7 @@ def _estimate_camera(job: EstimationJob, camera: str, n_frames: int) -> np.ndarr
         for frame in sequence.frames(slice(n_frames)):
             if _shared["stop"].is_set():
                 break
-            picture = first_picture(frame, view.size)
+            (picture,) = sequence.rig.crop(frame.images)
             persons = [find(picture, frame.index) for find in finders]
             persons += [alone(frame)] if alone is not None else []
             for row, person in zip(points, persons, strict=True):
@@ -229,7 +229,7 @@ class CroppedFinder:
     `device` for it is named, or else in the whole picture."""
 
     def __init__(self, network: PoseNetwork, sequence: Sequence, device: str | None) -> None:
-        self._network, self._size = network, sequence.rig[0].size
+        self._network, self._rig = network, sequence.rig
         self._box: np.ndarray | None = None
         self._evidence: Callable[[Frame], np.ndarray] | None = None
         if device is not None:
@@ -239,10 +239,9 @@ class CroppedFinder:
 
     def __call__(self, frame: Frame) -> np.ndarray | None:
         """Return the keypoints (33, 3) px of the whole picture; None if nobody is found."""
-        (width, height), before = self._size, self._box
-        picture = first_picture(frame, self._size)
+        before, (picture,) = self._box, self._rig.crop(frame.images)
         if self._evidence is not None:
-            self._box = update_crop(self._evidence(frame)[0, :height, :width] > 0, before)
+            self._box = update_crop(self._rig.crop(self._evidence(frame))[0] > 0, before)
         if self._box is not before:
             self._network.forget()
         if self._box is not None:
@@ -277,9 +276,3 @@ def update_crop(silhouette: np.ndarray, before: np.ndarray | None) -> np.ndarray
     margin = _MARGIN * side
     corners = np.concatenate([np.maximum(low - margin, 0), np.minimum(high + margin, size)])
     return corners.astype(int)
-
-
-def first_picture(frame: Frame, size: tuple[int, int]) -> np.ndarray:
-    """Return the picture (h, w, 3) of the only camera of a frame, whose size is given."""
-    assert frame.images is not None
-    return frame.images[0, : size[1], : size[0]]

@@ -9,8 +9,8 @@ from typing import Literal
 
 import numpy as np
 
-from apf.keypoints.association import associate_people, count_at_once
-from apf.keypoints.opening import Cameras, match_keypoints, match_persons, read_raw
+from apf.keypoints.association import associate_people, choose_person, count_at_once
+from apf.keypoints.opening import Cameras, get_rig, match_persons, read_raw
 from apf.keypoints.readers.raw import check_view
 from cl import InputError
 from psfs.cameras.camera import Camera, CameraRig
@@ -22,6 +22,7 @@ from psfs.cameras.triangulation import (
     undistort_points,
 )
 from psfs.common.numbers import STEP_SECONDS
+from psfs.sequence import DEFAULT_FPS
 from psfs.sequence import Sequence as Footage
 
 __all__ = ["Keypoints", "Triangulation", "TriangulationConfig", "triangulate"]
@@ -78,8 +79,16 @@ class Keypoints:
         MissingFileError if there is nothing.
         """
         raw = read_raw(Path(path))
-        points, names, notes = match_keypoints(raw, cameras)
-        return cls(points, raw.names, names, notes)
+        points, names, notes = match_persons(raw, cameras)
+        n_persons = points.shape[2]
+        if n_persons > 1:
+            notes.append(
+                f"{raw.path}: up to {n_persons} persons in a picture: one is followed that is "
+                "sure, large and seen alike by all cameras"
+            )
+        fps = cameras.fps if isinstance(cameras, Footage) else DEFAULT_FPS
+        one = choose_person(points, get_rig(cameras), fps)
+        return cls(one, raw.names, names, tuple(notes))
 
     @classmethod
     def open_people(

@@ -30,7 +30,7 @@ from psfs.common.schema import Table, Vector, parse_values
 LANDMARKS = Path(str(resources.files("apf"))) / "keypoints" / "landmarks.toml"
 #: Stature of the body that the table's lengths refer to, m.
 _STATURE = 1.75
-_SIDES = {"l": ("left", 1.0), "r": ("right", -1.0)}
+_SIDES = {"l": "left", "r": "right"}
 #: Joints and bones that have no side.
 _MIDDLE = ("pelvis", "thorax", "head", "neck", "head_top")
 
@@ -87,6 +87,12 @@ def normalise_name(name: str) -> str:
     return re.sub(r"[^a-z0-9]", "", name.lower())
 
 
+def list_sided_names(words: Sequence[str], side: str) -> tuple[str, ...]:
+    """Return what points `words` of a side, l or r, are called, normalised."""
+    long = _SIDES[side]
+    return tuple(name for w in words for name in (side + w, long + w, w + side, w + long))
+
+
 @lru_cache(maxsize=4)
 def load_landmarks(path: Path = LANDMARKS) -> tuple[Landmark, ...]:
     """Read a table of anatomical points, by default the shipped one. Raises InputError."""
@@ -130,17 +136,14 @@ def _make_landmarks(entry: _Entry) -> list[Landmark]:
     joint, bone, up, spread = entry.joint, entry.bone, entry.up, entry.spread
     if not entry.sided:
         return [Landmark(name, joint, bone, up, offset, spread, None, tuple(words))]
-    landmarks = []
-    for (short, (long, sign)), other in zip(_SIDES.items(), "rl", strict=True):
-        aliases = [alias for w in words for alias in (short + w, long + w, w + short, w + long)]
-        landmarks.append(
-            Landmark(
-                f"{short}_{name}", _add_side(joint, short), bone and _add_side(bone, short),
-                up and _add_side(up, short), offset * [1, sign, 1], spread, f"{other}_{name}",
-                tuple(aliases),
-            )
-        )  # fmt: skip
-    return landmarks
+    return [
+        Landmark(
+            f"{side}_{name}", _add_side(joint, side), bone and _add_side(bone, side),
+            up and _add_side(up, side), offset * [1, sign, 1], spread, f"{other}_{name}",
+            list_sided_names(words, side),
+        )
+        for side, sign, other in (("l", 1.0, "r"), ("r", -1.0, "l"))
+    ]  # fmt: skip
 
 
 def _add_side(name: str, short: str) -> str:

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 
-from apf.keypoints.association import choose_person
 from apf.keypoints.readers.arrays import (
     FREEMOCAP,
     read_array,
@@ -27,7 +26,6 @@ from cl import InputError, MissingFileError
 from psfs.cameras.camera import CameraRig
 from psfs.cameras.names import contains_name, join_names, name_tokens, natural_key
 from psfs.common.reading import parsing
-from psfs.sequence import DEFAULT_FPS
 from psfs.sequence import Sequence as Footage
 
 #: What keypoints can be matched to.
@@ -114,7 +112,7 @@ def _read_folder(base: Path, roots: Sequence[Path]) -> RawKeypoints:
         (p for p in here if p.suffix == ".npy"), key=lambda path: natural_key(path.stem)
     )
     if arrays:
-        return read_arrays(base, arrays)
+        return read_arrays(base, {path.stem: path for path in arrays})
     tables = [path for path in sorted(here) if path.is_file() and is_deeplabcut(path)]
     if tables:
         return read_deeplabcut(base, tables)
@@ -126,26 +124,6 @@ def _read_folder(base: Path, roots: Sequence[Path]) -> RawKeypoints:
         return labels
     other = f" but JSON of another layout, {texts[0].relative_to(base)}" if texts else ""
     raise InputError(f"{base}: holds no keypoints{other}; expected {_EXPECTED}")
-
-
-def match_keypoints(
-    raw: RawKeypoints, cameras: Cameras | None
-) -> tuple[np.ndarray, tuple[str, ...], tuple[str, ...]]:
-    """Match keypoints to cameras and frames, and choose one person.
-
-    Returns keypoints (V, F, K, 3) px, the cameras' names (V,) and notes. See `Keypoints.open`.
-    Raises InputError.
-    """
-    points, names, notes = match_persons(raw, cameras)
-    n_persons = points.shape[2]
-    if n_persons > 1:
-        fps = cameras.fps if isinstance(cameras, Footage) else DEFAULT_FPS
-        points = choose_person(points, _get_rig(cameras), fps)
-        notes.append(
-            f"{raw.path}: up to {n_persons} persons in a picture: one is followed that is sure, "
-            "large and seen alike by all cameras"
-        )
-    return points.reshape(*points.shape[:2], -1, 3), names, tuple(notes)
 
 
 def match_persons(
@@ -176,7 +154,8 @@ def match_persons(
     return points, tuple(names), notes
 
 
-def _get_rig(cameras: Cameras | None) -> CameraRig | None:
+def get_rig(cameras: Cameras | None) -> CameraRig | None:
+    """Return the rig of what keypoints are matched to; None of names alone."""
     if isinstance(cameras, Footage):
         return cameras.rig
     return cameras if isinstance(cameras, CameraRig) else None
@@ -184,7 +163,7 @@ def _get_rig(cameras: Cameras | None) -> CameraRig | None:
 
 def _get_camera_names(cameras: Cameras | None) -> list[str] | None:
     if isinstance(cameras, (Footage, CameraRig)):
-        rig = _get_rig(cameras)
+        rig = get_rig(cameras)
         return rig.names if rig is not None else None
     return None if cameras is None else list(cameras)
 
@@ -272,7 +251,7 @@ def _count_frames(
 
 def _to_pixels(raw: RawKeypoints, shares: np.ndarray, cameras: Cameras | None) -> np.ndarray:
     """Convert x, y (V, ..., 2) from shares of the picture's width and height to px."""
-    rig = _get_rig(cameras)
+    rig = get_rig(cameras)
     if rig is None:
         raise InputError(
             f"{raw.path}: x and y go from 0 to 1, as shares of the picture; expected pixels, or "

@@ -256,17 +256,15 @@ class LiveCameras(Cameras):
                 frame = Frame(self._latest, self.join(pictures), None)
                 timeline.add(Span(ACQUISITION, frame.index, oldest - origin, timeline.now()))
                 shots.put(Shot(frame, oldest - origin))
-                if back := [camera.name for camera in self._list_returned()]:
+                every = self._whole.cameras
+                back = [c.name for c in every if c.gives_pictures and c not in self.cameras]
+                if back:
                     self.changed = f"{', '.join(back)} gives pictures again"
                     break
         except GoneError as error:
             self.changed = str(error)
         if not self.changed:
             self._whole.close()
-
-    def _list_returned(self) -> list[LiveCamera]:
-        everybody = self._whole.cameras
-        return [one for one in everybody if one.gives_pictures and one not in self.cameras]
 
     def with_present(self) -> LiveCameras | None:
         """Return the cameras that give pictures, as a source that goes on; None, after which all

@@ -117,7 +117,7 @@ def make_translation_matrix(body: BodyModel) -> np.ndarray:
 def observe_features(device: Device, pictures: Smaller, method: Method) -> Observer:
     """Return the observer of image features, of one person."""
     features = make_feature_observer(device, pictures, method.features)
-    return lambda frame, time: [(features(pictures(frame)), None)]
+    return lambda frame, time: [(features(pictures.resize(frame)), None)]
 
 
 class VoxelObserver:
@@ -155,7 +155,7 @@ class VoxelObserver:
         return self.reconstruct.voxels.grid
 
     def __call__(self, frame: Frame, time: float) -> list[Seen]:
-        voxels = self.reconstruct(self.pictures(frame))
+        voxels = self.reconstruct(self.pictures.resize(frame))
         if self.division is not None:
             spheres = [person.expect_spheres(time) for person in self.persons]
             self.division.spheres.set(np.stack(spheres).astype(np.float32))

@@ -199,7 +199,15 @@ class Live:
             LivePerson(Scene(device, rig, start.grid, body), pose, self._searches, self._config)
             for body, pose in start.people
         ]
-        self.observe = self._observer(pictures, start.grid)
+        method = self._searches[0]
+        self.observe: Observer
+        if method.uses_voxels:
+            assert start.grid is not None, "voxels have a grid"
+            self.observe = VoxelObserver(
+                self.processor, pictures, start.grid, self.persons, self._config, self._follow
+            )
+        else:
+            self.observe = observe_features(self.processor, pictures, method)
         self._shots = Newest[Shot](lambda shot: self.timeline.drop(PROCESSING, shot.frame.index))
         self._ready = Newest[ObservedFrame](
             lambda seen: self.timeline.drop(TRACKING, seen.shot.frame.index)
@@ -374,16 +382,6 @@ class Live:
             self.result.sent_after.append(self.timeline.now() - observed.shot.time)
 
     # Preparation ----------------------------------------------------------------------------
-
-    def _observer(self, pictures: Smaller, grid: VoxelGrid | None) -> Observer:
-        """Return the function that converts a frame to what each tracker observes."""
-        method = self._searches[0]
-        if not method.uses_voxels:
-            return observe_features(self.processor, pictures, method)
-        assert grid is not None, "voxels have a grid"
-        return VoxelObserver(
-            self.processor, pictures, grid, self.persons, self._config, self._follow
-        )
 
     def _prepare(self) -> Governor:
         """Compile and time everything in the first frame; return the governor."""

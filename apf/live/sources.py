@@ -125,16 +125,13 @@ class Replay:
 
 
 class Smaller:
-    """`footage` with images resized by `factor`, at most 1; a call resizes a frame."""
+    """`footage` with images resized by `factor`, at most 1; `resize` does so."""
 
     def __init__(self, footage: FrameSource, factor: float) -> None:
         shrink = Shrink(footage.rig, factor)
         self.has_images, self.rig = footage.has_images, shrink.small
         self.background = shrink.background(footage.background)
-        self._resize = shrink.frame
-
-    def __call__(self, frame: Frame) -> Frame:
-        return self._resize(frame)
+        self.resize = shrink.frame
 
 
 def fitting_factor(rig: CameraRig, grid: VoxelGrid) -> float:

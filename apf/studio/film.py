@@ -19,7 +19,7 @@ from apf.studio.target_fields import FoundTarget, TargetFields
 from apf.studio.work import free_folder
 from cl import Device, InputError, NumpyDevice, UserError
 from psfs.backend import make_evidence_function
-from psfs.calibration.targets.detection import Finder, crop_pictures
+from psfs.calibration.targets.detection import Finder
 from psfs.calibration.targets.target import Sighting
 from psfs.cameras.calibration import read_calibration
 from psfs.cameras.camera import CameraRig
@@ -193,7 +193,7 @@ class FilmView:
             self._note = "warning", "first: nobody in the pictures, and `the room is empty now`"
 
     def _find_target(self, frame: Frame) -> None:
-        rig, pictures = self._captures.rig, crop_pictures(frame, self._captures.rig)
+        rig, pictures = self._captures.rig, self._captures.rig.crop(frame.images)
         if self._finder is None:
             self._finder = self.target.make_finder(self._find_medians)
             self.found.restart(self._finder.target.name)
@@ -217,7 +217,7 @@ class FilmView:
         if not self._empty or self._collecting:
             raise InputError("a wand is found before the empty room; expected that it was shown")
         mean = np.rint(average_pictures(self._empty).mean).astype(np.uint8)
-        cropped = crop_pictures(Frame(0, mean, None), self._captures.rig)
+        cropped = self._captures.rig.crop(mean)
         return [cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY) for picture in cropped]
 
     def _add_empty(self, images: np.ndarray) -> None:
@@ -244,7 +244,7 @@ class FilmView:
         if cameras is not None:
             shutil.copyfile(cameras, folder / CALIBRATION)
         for number, images in enumerate([] if self._collecting else self._empty):
-            cropped = crop_pictures(Frame(0, images, None), self._captures.rig)
+            cropped = self._captures.rig.crop(images)
             for name, picture in zip(names, cropped, strict=True):
                 place = folder / "background" / name
                 place.mkdir(parents=True, exist_ok=True)
@@ -284,10 +284,7 @@ class PersonCheck:
     def examine_frame(self, frame: Frame) -> list[np.ndarray]:
         """Return each camera's silhouette (h, w) bool of a frame, in small pictures."""
         evidence, small = self._evidence_of(self._shrink.frame(frame)), self._shrink.small
-        masks = [
-            of[: camera.size[1], : camera.size[0]] > 0
-            for of, camera in zip(evidence, small, strict=True)
-        ]
+        masks = [counts > 0 for counts in small.crop(evidence)]
         self._outlines.append([extract_outline(mask) for mask in masks])
         return masks
 

@@ -125,17 +125,13 @@ def _make_left_side() -> list[Primitive]:
     return trunk + arm + [replace(p, group=LEFT_LEG) for p in leg]
 
 
-def make_person() -> list[Primitive]:
-    """Make all primitives of a person, group by group."""
-    left = _make_left_side()
-    return sorted(_make_centre() + left + [p.mirror() for p in left], key=lambda p: p.group)
-
-
 class PersonSurface:
     """A person's primitives, to be posed by a skeleton's motion."""
 
     def __init__(self, skeleton: SyntheticSkeleton) -> None:
-        self.primitives = make_person()
+        left = _make_left_side()
+        parts = _make_centre() + left + [p.mirror() for p in left]
+        self.primitives = sorted(parts, key=lambda p: p.group)
         self._bones = np.array([skeleton.index(p.bone) for p in self.primitives])
         scale = skeleton.height / TABLE_HEIGHT
         self._a = scale * np.array([p.a for p in self.primitives], np.float64)

@@ -53,9 +53,7 @@ class GaitModel:
 
     def motion(self, times: np.ndarray) -> Motion:
         """Return the world placement of all bones at `times` (F,) s."""
-        times = np.asarray(times, np.float64)
-        phase = times * self.walk.speed / self.walk.stride + self.walk.start_phase
-        root, local = self._trunk(times, phase)
+        phase, root, local = self._trunk(times)
         for side, offset in (("l", 0.0), ("r", 0.5)):
             self._swing_arm(local, side, phase + 0.5 - offset)
         root[:, 2] += self._hip_height
@@ -66,15 +64,12 @@ class GaitModel:
 
     # Trunk and arms -------------------------------------------------------------------------
 
-    def _trunk(
-        self, times: np.ndarray, phase: np.ndarray
-    ) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-        """Return pelvis positions (F, 3), height relative to `_hip_height`, and the trunk's
-        rotations.
-
-        Phase 0 is the left heel strike.
-        """
-        walk, deg, turn = self.walk, np.pi / 180, 2 * np.pi * phase
+    def _trunk(self, times: np.ndarray) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
+        """Return the phase (F,), of which 0 is the left heel strike, pelvis positions (F, 3),
+        height relative to `_hip_height`, and the trunk's rotations."""
+        walk, deg = self.walk, np.pi / 180
+        phase = times * walk.speed / walk.stride + walk.start_phase
+        turn = 2 * np.pi * phase
         surge = 0.008 * walk.height / 1.76 * np.sin(2 * turn + 0.5)
         xy, heading = self.path(walk.stride * (phase - walk.start_phase) + surge)
         sway = 0.011 * walk.height * np.cos(turn - 2 * np.pi * 0.30)
@@ -105,7 +100,7 @@ class GaitModel:
             "head": axis_rotation(2, 0.6 * (look - counter - twist))
             @ axis_rotation(1, -9.0 * deg - 0.5 * nod),
         }
-        return root, local
+        return phase, root, local
 
     def _swing_arm(self, local: dict[str, np.ndarray], side: str, phase: np.ndarray) -> None:
         """Set the arm angles; phase 0 is the other foot's heel strike, when the arm is foremost."""
@@ -207,8 +202,7 @@ class GaitModel:
 
     def _highest_pelvis(self, times: np.ndarray) -> float:
         """Return the largest height at which both legs reach their feet all along the path."""
-        phase = times * self.walk.speed / self.walk.stride + self.walk.start_phase
-        root, local = self._trunk(times, phase)
+        phase, root, local = self._trunk(times)
         upper = self.skeleton.forward(root, local)
         reach = _REACH * (THIGH + SHIN) * self.walk.height
         highest = np.inf

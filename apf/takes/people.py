@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -132,7 +131,11 @@ def _find_several(job: TrackJob, session: Session, given: GivenStart | None) -> 
     progress("people")
     people = follow_several(session, wanted)
     if wanted is not None:
-        _warn_of_another_number(session, wanted, progress.warn)
+        if len(counted := count_people(session)) != wanted:
+            progress.warn(
+                f"{sequence.name}: --people is {wanted}; without it {counted.describe()}: look at "
+                "the overlay"
+            )
     elif (counted := count_people(session)).misses_somebody:
         progress.warn(f"{sequence.name}: {counted.describe()}")
     if people is None:
@@ -145,14 +148,6 @@ def _find_several(job: TrackJob, session: Session, given: GivenStart | None) -> 
         Person(person.frames, apart, OpenedKeypoints(points)) for person, apart, points in each
     )
     return Persons(people.frames, everybody, people.objects)
-
-
-def _warn_of_another_number(session: Session, wanted: int, warn: Callable[[str], object]) -> None:
-    """Warn if more or fewer people are seen than are asked for."""
-    counted = count_people(session)
-    if len(counted) != wanted:
-        name, seen = session.sequence.name, counted.describe()
-        warn(f"{name}: --people is {wanted}; without it {seen}: look at the overlay")
 
 
 def _warn_of_others(job: TrackJob, session: Session, why: str) -> None:

@@ -22,6 +22,7 @@ from apf.initialisation.start import Start, StartError
 from apf.request import StartRequest
 from apf.tracking.settings import DEFAULT_BODY, GivenStart
 from cl import InputError
+from psfs.common.files import name_file_in_errors
 from psfs.common.ranges import check_number
 from psfs.sequence import Sequence
 from psfs.session import Session
@@ -79,10 +80,8 @@ def read_given_start(
     truth = load_truth(path, convention)
     if frame not in truth.frames:
         raise InputError(f"{path}: no joints for frame {frame}, the first to be tracked")
-    try:
+    with name_file_in_errors(path):
         return fit_to_truth(model, truth, frame)
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from None
 
 
 def fit_to_truth(template: BodyModel, truth: JointSeries, frame: int) -> GivenStart:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from apf.initialisation.start import StartError
 from apf.report.summary import read_summary, read_tracked_grid
@@ -53,14 +53,6 @@ from psfs.opening import (
 )
 from psfs.sequence import Sequence
 from psfs.session import Session
-
-
-@dataclass(frozen=True, eq=False)
-class CorrectedTrack:
-    """Corrections, and the track that they correct."""
-
-    corrections: Corrections
-    track: Track
 
 
 def check_request(request: TrackingRequest) -> None:
@@ -127,9 +119,9 @@ def run_track(
     frames = select_common_frames(request.frames, session.sequence, progress.warn)
     progress.n_frames = len(frames)
     if corrected is not None:
-        progress.n_frames = len(corrected.track)
+        progress.n_frames = len(corrected[1])
         _keep_judged(job, session)
-        return [_finish(job, examination, _correct(job, session, corrected))]
+        return [_finish(job, examination, _correct(job, session, *corrected))]
     try:
         return _track_people(job, examination, find_persons(job, examination, given), given)
     except InputError as error:
@@ -231,7 +223,7 @@ def _start(job: TrackJob, session: Session, given: GivenStart | None) -> Started
         return start_take(session, settings, job.progress)
 
 
-def _read_corrections(request: TrackingRequest) -> CorrectedTrack | None:
+def _read_corrections(request: TrackingRequest) -> tuple[Corrections, Track] | None:
     """Return the corrections that a request names, and their track; None without any. Raises
     InputError, or MissingFileError."""
     if not isinstance(request, TrackRequest) or request.corrections is None:
@@ -244,11 +236,9 @@ def _read_corrections(request: TrackingRequest) -> CorrectedTrack | None:
         raise InputError(f"--people is {request.people}; expected 1 with --corrections")
     corrections = read_corrections(request.corrections)
     track = Track.open(corrections.track)
-    try:
+    with name_file_in_errors(request.corrections):
         corrections.check(track)
         _ = track.its_body
-    except InputError as error:
-        raise InputError(f"{request.corrections}: {error}") from None
     summary = read_summary(corrections.track)
     if summary.get("people", 1) > 1:
         raise InputError(
@@ -260,12 +250,11 @@ def _read_corrections(request: TrackingRequest) -> CorrectedTrack | None:
         raise InputError(
             f"{request.output}: holds the track; expected another folder for the new one"
         )
-    return CorrectedTrack(corrections, track)
+    return corrections, track
 
 
-def _correct(job: TrackJob, session: Session, corrected: CorrectedTrack) -> Take:
+def _correct(job: TrackJob, session: Session, corrections: Corrections, track: Track) -> Take:
     """Return a take whose track is the given one with its corrections applied."""
-    corrections, track = corrected.corrections, corrected.track
     with name_file_in_errors(corrections.track):
         tracked = read_summary(corrections.track)["sequence"].get("cameras") or []
         missing = [name for name in tracked if name not in session.sequence.rig.names]

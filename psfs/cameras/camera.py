@@ -222,9 +222,9 @@ class Camera:
         """Return the camera for a picture that `scale_picture` resizes by `factor` (pixel centres
         stay at integers)."""
         K = self.K.copy()
-        K[0, 2], K[1, 2] = K[0, 2] + 0.5, K[1, 2] + 0.5
+        K[:2, 2] += 0.5
         K[:2] *= factor
-        K[0, 2], K[1, 2] = K[0, 2] - 0.5, K[1, 2] - 0.5
+        K[:2, 2] -= 0.5
         size = (round(self.size[0] * factor), round(self.size[1] * factor))
         hidden = self.hidden
         if hidden is not None:
@@ -307,6 +307,12 @@ class CameraRig:
     def scaled(self, factor: float) -> CameraRig:
         return CameraRig(tuple(camera.scaled(factor) for camera in self.cameras))
 
+    def crop(self, stack: np.ndarray | None) -> list[np.ndarray]:
+        """Return the pictures (h, w, ...) in a stack (V, height, width, ...), which must not be
+        None, without the padding."""
+        assert stack is not None
+        return [p[: c.size[1], : c.size[0]] for p, c in zip(stack, self, strict=True)]
+
     def factor_within(self, longest: int) -> float:
         """Return the factor, at most 1, at which no picture is longer than `longest` px."""
         return min(1.0, longest / max(self.width, self.height))
@@ -324,22 +330,16 @@ class CameraRig:
         if all(camera.hidden is None for camera in self):
             return None
         maps = np.zeros((len(self), self.height, self.width), bool)
-        for hidden, camera in zip(maps, self, strict=True):
+        for hidden, camera in zip(self.crop(maps), self, strict=True):
             if camera.hidden is not None:
-                hidden[: camera.size[1], : camera.size[0]] = camera.hidden
+                hidden[...] = camera.hidden
         return maps
 
-    def with_hidden(self, maps: np.ndarray | None) -> CameraRig:
+    def with_hidden(self, maps: np.ndarray) -> CameraRig:
         """Return the same cameras with the hidden pixels of maps (V, height, width) bool."""
-        if maps is None:
-            return CameraRig(tuple(replace(camera, hidden=None) for camera in self))
-        cut = [hidden[: c.size[1], : c.size[0]] for hidden, c in zip(maps, self, strict=True)]
-        return CameraRig(
-            tuple(
-                replace(camera, hidden=hidden.copy() if hidden.any() else None)
-                for camera, hidden in zip(self, cut, strict=True)
-            )
-        )
+        hidden = [own.copy() if own.any() else None for own in self.crop(maps)]
+        pairs = zip(self, hidden, strict=True)
+        return CameraRig(tuple(replace(camera, hidden=own) for camera, own in pairs))
 
     @property
     def blur(self) -> float:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -65,6 +67,19 @@ def look_along_baseline(
     distance = float(np.linalg.norm(ahead)) if length >= SAME_PLACE else 0.0
     ahead = ahead / max(distance, 1e-12)
     return line, np.stack([ahead, np.cross(line, ahead)], -1), distance
+
+
+def transfer_poses(
+    cameras: Iterable[Camera], before: Iterable[Camera], after: Iterable[Camera]
+) -> CameraRig:
+    """Return cameras with the poses that others have `after` they were found, and with the changes
+    of these ones' focal lengths since `before`."""
+    return CameraRig(
+        tuple(
+            replace(camera.refocused(new.K[0, 0] / old.K[0, 0]), R=new.R, t=new.t)
+            for camera, old, new in zip(cameras, before, after, strict=True)
+        )
+    )
 
 
 def required_cameras(n_cameras: int, share: float, least: int = 1) -> int:
@@ -134,6 +149,25 @@ def cell_rays(rig: CameraRig) -> np.ndarray:
     return rays
 
 
+def floor_points(rig: CameraRig, height: float) -> np.ndarray:
+    """Return x and y (V, rows, columns, 2), m, of the point of the floor at `height`, m, in the
+    middle of each cell; NaN where it shows no floor, and everywhere for a height that is NaN.
+
+    The floor is the circle around the point that the cameras look at, with the distance of the
+    farthest camera as its radius.
+    """
+    middle = intersect_axes(rig)[:2]
+    radius = np.linalg.norm(rig.centres[:, :2] - middle, axis=1).max()
+    points = np.full((len(rig), *cells(rig), 2), np.nan)
+    for view_points, camera, rays in zip(points, rig, cell_rays(rig), strict=True):
+        with np.errstate(divide="ignore", invalid="ignore"):
+            distance = (height - camera.centre[2]) / rays[..., 2]
+            hits = camera.centre[:2] + distance[..., None] * rays[..., :2]
+            inside = (np.linalg.norm(hits - middle, axis=-1) < radius) & (distance > 0)
+        view_points[inside] = hits[inside]
+    return points
+
+
 def voxel_footprints(rig: CameraRig, voxel_size: float) -> np.ndarray:
     """Return half the width and height (V, 2) of a projected voxel times its depth, px m.
 
@@ -146,19 +180,19 @@ def voxel_footprints(rig: CameraRig, voxel_size: float) -> np.ndarray:
 
 def pixel_boxes(
     camera: Camera, centres: np.ndarray, footprint: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Find the pixel box that each voxel around `centres` (N, 3) m covers in the picture.
 
-    Returns, for the K voxels that are visible, their indices (K,), first column and row (K, 2),
-    last column and row + 1 (K, 2), and depths (K,) m. footprint: (2,), one row of
-    `voxel_footprints`. A voxel covers at least the nearest pixel, however small it is.
+    Returns, for the K voxels that are visible, first column and row (K, 2), last column and row + 1
+    (K, 2), and depths (K,) m. footprint: (2,), one row of `voxel_footprints`. A voxel covers at
+    least the nearest pixel, however small it is.
     """
     pixels, depth = camera.project(centres)
-    front = np.flatnonzero(depth > 0)
+    front = depth > 0
     pixels, depth = pixels[front], depth[front]
     half, nearest = footprint / depth[:, None], np.floor(pixels + 0.5)
     low = np.maximum(np.minimum(np.ceil(pixels - half), nearest), 0)
     last = np.maximum(np.floor(pixels + half), nearest)
     end = np.minimum(last + 1, np.array(camera.size, float))
     hit = (low < end).all(1)
-    return front[hit], low[hit].astype(int), end[hit].astype(int), depth[hit]
+    return low[hit].astype(int), end[hit].astype(int), depth[hit]

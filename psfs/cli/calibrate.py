@@ -25,7 +25,6 @@ from psfs.calibration.targets.board_files import read_board
 from psfs.calibration.targets.boards import CharucoFinder, ChessboardFinder
 from psfs.calibration.targets.detection import (
     Finder,
-    crop_pictures,
     find_hint,
     find_sightings,
     median_pictures,
@@ -81,6 +80,10 @@ def run(request: CalibrateRequest) -> None:
     with output_folder(request.output, request.COMMAND, inputs, expected):
         if not request.person:
             request.refuse(_OF_PERSON, "applies only to a person; expected --person with it")
+        if not request.refine:
+            request.refuse(
+                ["calibration"], "applies only to given cameras; expected --refine with it"
+            )
         if request.refine:
             request.refuse(
                 _OF_TARGETS, "applies only to boards and wands; expected none with --refine"
@@ -89,15 +92,9 @@ def run(request: CalibrateRequest) -> None:
         elif request.person:
             unused = [flag for flag in _OF_TARGETS if flag != "intrinsics"]
             request.refuse(unused, "applies only to boards and wands; expected none with --person")
-            request.refuse(
-                ["calibration"], "applies only to given cameras; expected --refine with it"
-            )
             request.refuse(["sync"], "is found from the person; expected none with --person")
             calibrate_from_person(request)
         else:
-            request.refuse(
-                ["calibration"], "applies only to given cameras; expected --refine with it"
-            )
             _calibrate(request)
 
 
@@ -301,7 +298,7 @@ def _write_pictures(
     """Write a picture per camera: its detected points, drawn over its picture of the frame with the
     most detections."""
     frames = [sighting.frame // result.target.boards for sighting in result.sightings]
-    shown = crop_pictures(views.read(max(set(frames), key=frames.count)), views.rig)
+    shown = views.rig.crop(views.read(max(set(frames), key=frames.count)).images)
     for view, picture in zip(found, shown, strict=True):
         write_view(folder / f"{view.camera.name}.png", view, picture)
 

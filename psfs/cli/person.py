@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from threading import Event
 
@@ -20,6 +19,7 @@ from psfs.cameras.calibration import find_calibration
 from psfs.cameras.calibration.toml_tables import write_toml_tables
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.names import join_names, match_files_to_cameras
+from psfs.cameras.rig_geometry import transfer_poses
 from psfs.cli.commandline import make_table, progress_bar, remark, stdout, warn
 from psfs.common.files import write_json
 from psfs.common.progress import map_in_threads
@@ -42,6 +42,8 @@ from psfs.self_calibration.footage import (
 )
 from psfs.sequence import Sequence
 
+#: Standard deviation of the logarithm of a focal length that an angle of view states.
+_FOCAL = 0.1
 _EXPECTED = (
     "expected --intrinsics PATH, a calibration of which only the lenses are taken, as psfs "
     "calibrate --board writes, or a folder with a photo by each camera; or --field-of-view "
@@ -51,12 +53,8 @@ _EXPECTED = (
 
 def calibrate_from_person(request: PersonRequest) -> None:
     """Estimate the cameras of a folder from the person in it, and write them."""
-    config = read_person_config(request)
-    views = open_person_footage(request)
-    check_number_of_cameras(len(views.rig))
-    large, kept = read_lenses(request, views)
-    if not kept:
-        config = config.free_lenses()
+    views, large, config = open_person_footage(request)
+    check_number_of_cameras(len(large))
     small, outlines, edges = outline_footage(request, views, large, config)
     with progress_bar() as bar:
         found = calibrate_by_person(
@@ -68,20 +66,19 @@ def calibrate_from_person(request: PersonRequest) -> None:
     write_person_calibration(request, views, rig, found, config, verdict)
 
 
-def read_person_config(request: PersonRequest) -> PersonConfig:
-    """Return the settings of `[person]` with the stature, m, of --stature, if it is stated."""
-    config, stature = request.person_settings, request.stature
-    return config if stature is None else config.replace(stature=stature)
-
-
-def open_person_footage(request: PersonRequest) -> Sequence:
-    """Open the folder of uncalibrated cameras, with the empty scene or masks where it has some."""
+def open_person_footage(request: PersonRequest) -> tuple[Sequence, list[Camera], PersonConfig]:
+    """Open the folder of uncalibrated cameras, with the empty scene or masks where it has some, and
+    return it, the cameras with their lenses, and the settings of `[person]` with the stature of
+    --stature, if it is stated, and with lenses to be refined, if these are known by an angle."""
     folder, stated = Path(request.folder or ""), request.capture
     settings = SequenceSettings(cameras=stated.cameras, fps=stated.fps, sync={})
     views = open_uncalibrated(folder, settings, silhouettes=True)
     for note in views.notes:
         remark("note", "cyan", note)
-    return views
+    cameras, kept = _read_lenses(request, views)
+    config, stature = request.person_settings, request.stature
+    config = config if stature is None else config.replace(stature=stature)
+    return views, cameras, config if kept else config.replace(focal=_FOCAL)
 
 
 def outline_footage(
@@ -113,17 +110,6 @@ def outline_footage(
             return small, list(outlines), list(edges)
         finally:
             stopped.set()
-
-
-def transfer_poses(cameras: list[Camera], before: list[Camera], found: CameraRig) -> CameraRig:
-    """Return cameras with the poses, and the changes of focal lengths, that others had `before`
-    and as they were found."""
-    return CameraRig(
-        tuple(
-            replace(camera.refocused(after.K[0, 0] / own.K[0, 0]), R=after.R, t=after.t)
-            for camera, own, after in zip(cameras, before, found, strict=True)
-        )
-    )
 
 
 def write_person_calibration(
@@ -205,7 +191,7 @@ def _table(rig: CameraRig, found: PersonCalibration) -> Table:
     return table
 
 
-def read_lenses(request: PersonRequest, views: Sequence) -> tuple[list[Camera], bool]:
+def _read_lenses(request: PersonRequest, views: Sequence) -> tuple[list[Camera], bool]:
     """Return the cameras with the intrinsics of --intrinsics, --field-of-view or the metadata of
     photos or of the footage, and whether these are kept, rather than refined."""
     if request.intrinsics is not None and request.field_of_view is not None:

@@ -78,15 +78,12 @@ def _reconstruct(request: ReconstructRequest, out: OutputFolder) -> None:
             for frame in sequence.frames(session.settings.selection):
                 job.reconstruct(frame)
                 bar.advance(task)
-        except UserError as error:
+        except BaseException as error:
             job.keep()
-            if not job.done:
-                raise
-            raise InputError(
-                f"{error}; {job.n_stated} of {len(frames)} frames are in {request.output}"
-            ) from error
-        except BaseException:
-            job.keep()
+            if job.done and isinstance(error, UserError):
+                raise InputError(
+                    f"{error}; {job.n_stated} of {len(frames)} frames are in {request.output}"
+                ) from error
             raise
     job.finish()
     if not job.done:

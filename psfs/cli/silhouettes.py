@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -45,7 +46,7 @@ def _show(request: SilhouettesRequest, opened: OutputFolder) -> None:
     sequence = session.sequence
     opened.check_inputs([*sequence.inputs, sequence.folder / TRUE_MASKS])
     wanted = _select_frames(request, sequence)
-    report = _Report(sequence)
+    scores: dict[int, np.ndarray] = {}  # (V, 4) of each frame that was shown
     try:
         with progress_bar() as bar:
             shown = score_silhouettes(session, wanted)
@@ -54,12 +55,12 @@ def _show(request: SilhouettesRequest, opened: OutputFolder) -> None:
                     continue
                 index = found.frame.index
                 write_picture(out / f"frame_{index:06d}.png", draw_mosaic(sequence.rig, found))
-                report.scores[index] = found.scores
+                scores[index] = found.scores
     finally:  # write what is finished, also after an interruption
-        if report.scores:
-            write_json(out / REPORT, report.plain())
+        if scores:
+            write_json(out / REPORT, _report(sequence, scores))
             write_settings(out, request, ["reconstruction"])
-            stdout.print(report.table())
+            stdout.print(_table(sequence.rig.names, scores))
             stdout.print(f"wrote {out}")
 
 
@@ -71,51 +72,43 @@ def _select_frames(request: SilhouettesRequest, sequence: Sequence) -> list[int]
     return truth_frames(sequence) or pick_evenly(len(sequence), SHOWN).tolist()
 
 
-class _Report:
-    """The scores (V, 4) of each frame that was shown."""
+def _stack_scores(scores: Mapping[int, np.ndarray]) -> np.ma.MaskedArray:
+    """Return (frames, V, 4), masked where there is no truth."""
+    return np.ma.masked_invalid(np.stack(list(scores.values())))
 
-    def __init__(self, sequence: Sequence) -> None:
-        self.sequence = sequence
-        self.scores: dict[int, np.ndarray] = {}
 
-    def _stack_scores(self) -> np.ma.MaskedArray:
-        """Return (frames, V, 4), masked where there is no truth."""
-        return np.ma.masked_invalid(np.stack(list(self.scores.values())))
+def _report(sequence: Sequence, scores: Mapping[int, np.ndarray]) -> dict[str, object]:
+    """Return all figures for JSON."""
+    stack = _stack_scores(scores)
+    means, worst = stack.mean(axis=0), stack[..., 0].min(axis=0)
+    return {
+        "definition": DEFINITION,
+        "sequence": str(sequence.folder),
+        "mean_iou": json_number(stack[..., 0].mean()),
+        "cameras": {
+            name: {f"mean_{key}": json_number(v) for key, v in zip(_FIGURES, mean, strict=True)}
+            | {"worst_iou": json_number(low)}
+            for name, mean, low in zip(sequence.rig.names, means, worst, strict=True)
+        },
+        "frames": {
+            str(index): {key: list(map(json_number, of[:, k])) for k, key in enumerate(_FIGURES)}
+            for index, of in scores.items()
+        },
+    }
 
-    def plain(self) -> dict[str, object]:
-        """Return all figures for JSON."""
-        scores = self._stack_scores()
-        means, worst = scores.mean(axis=0), scores[..., 0].min(axis=0)
-        return {
-            "definition": DEFINITION,
-            "sequence": str(self.sequence.folder),
-            "mean_iou": json_number(scores[..., 0].mean()),
-            "cameras": {
-                name: {f"mean_{key}": json_number(v) for key, v in zip(_FIGURES, mean, strict=True)}
-                | {"worst_iou": json_number(low)}
-                for name, mean, low in zip(self.sequence.rig.names, means, worst, strict=True)
-            },
-            "frames": {
-                str(index): {
-                    key: list(map(json_number, of[:, k])) for k, key in enumerate(_FIGURES)
-                }
-                for index, of in self.scores.items()
-            },
-        }
 
-    def table(self) -> Table:
-        """Return a table of the cameras' means over the frames, with IoU if there are true
-        masks."""
-        scores = self._stack_scores()
-        known = not np.ma.is_masked(scores[..., 0].mean())
-        titles = ("mean IoU", "worst frame", "missed", "too much") if known else ()
-        columns = (*titles, "share of the picture")
-        table = make_table(f"Silhouettes in {len(scores)} frames", ["camera"], columns)
-        for name, of in zip(self.sequence.rig.names, np.ma.swapaxes(scores, 0, 1), strict=True):
-            table.add_row(name, *_cells(of, known))
-        table.add_section()
-        table.add_row("all", *_cells(scores.reshape(-1, len(_FIGURES)), known))
-        return table
+def _table(names: list[str], scores: Mapping[int, np.ndarray]) -> Table:
+    """Return a table of the cameras' means over the frames, with IoU if there are true masks."""
+    stack = _stack_scores(scores)
+    known = not np.ma.is_masked(stack[..., 0].mean())
+    titles = ("mean IoU", "worst frame", "missed", "too much") if known else ()
+    columns = (*titles, "share of the picture")
+    table = make_table(f"Silhouettes in {len(stack)} frames", ["camera"], columns)
+    for name, of in zip(names, np.ma.swapaxes(stack, 0, 1), strict=True):
+        table.add_row(name, *_cells(of, known))
+    table.add_section()
+    table.add_row("all", *_cells(stack.reshape(-1, len(_FIGURES)), known))
+    return table
 
 
 def _cells(scores: np.ma.MaskedArray, known: bool) -> list[str]:

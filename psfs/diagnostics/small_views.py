@@ -241,9 +241,8 @@ class Shrink:
             return pictures
         size = self.small.height, self.small.width
         out = np.zeros((len(self.rig), *size, *pictures.shape[3:]), pictures.dtype)
-        for image, small, before, after in zip(pictures, out, self.rig, self.small, strict=True):
-            picture = image[: before.size[1], : before.size[0]]
-            small[: after.size[1], : after.size[0]] = scale_picture(picture, self._factor)
+        for picture, small in zip(self.rig.crop(pictures), self.small.crop(out), strict=True):
+            small[...] = scale_picture(picture, self._factor)
         return out
 
     def frame(self, frame: Frame) -> Frame:

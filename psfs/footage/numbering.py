@@ -53,10 +53,14 @@ def pair_by_number(footage: Footage) -> tuple[Footage, list[str]]:
 def _read_numbers(item: Media) -> list[int]:
     """Return the last number in each picture's name; an empty list if these do not number the
     frames."""
-    found = [re.findall(r"[0-9]{1,18}", path.stem) for path in item.paths]
-    numbers = [int(digits[-1]) for digits in found if digits]
+    numbers = [n for path in item.paths if (n := _find_number(path)) is not None]
     usable = not item.is_video and len(set(numbers)) == len(item.paths)
     return numbers if usable else []
+
+
+def _find_number(path: Path) -> int | None:
+    digits = re.findall(r"[0-9]{1,18}", path.stem)
+    return int(digits[-1]) if digits else None
 
 
 def _remark_on_shift(kind: tuple[Media, ...], lists: list[list[int]]) -> list[str]:
@@ -80,14 +84,12 @@ def _check_extra(kind: tuple[Media, ...]) -> None:
     for item in kind:
         if not usual or item.is_video or len(item.paths) <= max(usual):
             continue
-        first: dict[str, Path] = {}
+        first: dict[int | None, Path] = {}
         for path in item.paths:
-            digits = re.findall(r"[0-9]{1,18}", path.stem)
-            number = str(int(digits[-1])) if digits else ""
-            if number and number not in first:
-                first[number] = path
+            number = _find_number(path)
+            if number is not None and first.setdefault(number, path) is path:
                 continue
-            has = f"has the number of {first[number].name}" if number else "has no number"
+            has = "has no number" if number is None else f"has the number of {first[number].name}"
             raise InputError(f"{path}: {has}; expected one picture for each frame")
 
 

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
+from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Any, Literal
 
 from pydantic import ValidationInfo, field_validator
 
 from cl import InputError
 from psfs.common.config import Config, setting
-from psfs.common.files import read_toml
+from psfs.common.files import name_file_in_errors, read_toml
 from psfs.common.ranges import FARTHEST, check_name
 
 #: How silhouettes are made. "gaussian": background model from pictures of the empty scene
@@ -162,8 +164,6 @@ class SequenceSettings(Config):
     @classmethod
     def read(cls, path: Path) -> SequenceSettings:
         """Read the settings of a `sequence.toml`; all are None if there is no file."""
-        from psfs.common.files import name_file_in_errors
-
         if not path.exists():
             return cls()
         values = read_toml(path)
@@ -175,24 +175,8 @@ class SequenceSettings(Config):
         return other.replace(**{key: value for key, value in self if value is not None})
 
 
-def _check_unit(value: str | float) -> object:
-    from psfs.cameras.units import metres_per_unit
-
-    metres_per_unit(value)
-    return value
-
-
-def _check_axis(value: str) -> object:
-    from psfs.cameras.units import rotation_to_z_up
-
-    rotation_to_z_up(value)
-    return value
-
-
-def _check_colour(value: str) -> object:
-    from psfs.common.colours import parse_colour
-
-    parse_colour(value)
+def _check_parsed(value: object, parse: str) -> object:
+    resolve_name(parse)(value)  # imported when it is needed, for it takes a while
     return value
 
 
@@ -287,7 +271,9 @@ def _check_corners(value: object, farthest: float) -> tuple[np.ndarray, np.ndarr
 
 #: What checks the keys beside their types, and returns the value or a tidier one.
 _CHECKS: Mapping[str, Callable[[Any], object]] = {
-    "unit": _check_unit, "up": _check_axis, "key": _check_colour, "calibration": _check_path,
-    "take": lambda value: check_name(value, "`take`"), "cameras": _check_cameras,
-    "sync": _check_sync, "files": _check_files, "volume": _check_volume,
+    "unit": partial(_check_parsed, parse="psfs.cameras.units:metres_per_unit"),
+    "up": partial(_check_parsed, parse="psfs.cameras.units:rotation_to_z_up"),
+    "key": partial(_check_parsed, parse="psfs.common.colours:parse_colour"),
+    "take": lambda value: check_name(value, "`take`"), "calibration": _check_path,
+    "cameras": _check_cameras, "sync": _check_sync, "files": _check_files, "volume": _check_volume,
 }  # fmt: skip

@@ -28,7 +28,7 @@ from psfs.footage.media import Media
 Delay: TypeAlias = tuple[float, float]
 TIMESTAMPS = "timestamps.csv"
 _WHAT = "times of frames"
-#: Least ratio of times in another unit than s.
+#: Least ratio of times in another unit than s: ms or ns, with which other programs count.
 _OTHER_UNIT = 100
 #: Names of the columns, the first that is there.
 _COLUMNS = (("cam_id", "camera"), ("frame_index", "frame"), ("frame_time", "time"))
@@ -221,21 +221,14 @@ def _assign_times(path: Path, media: Sequence[Media]) -> list[np.ndarray]:
                 f"{path}: {len(times)} times of {item.name}, whose video has {item.count} frames; "
                 "expected one for each frame, ascending"
             )
-        _check_interval(path, item, times)
+        interval, rate = _usual_interval(times), item.fps
+        if interval and rate and not 1 / _OTHER_UNIT < interval * rate < _OTHER_UNIT:
+            raise InputError(
+                f"{path}: {interval:.3g} between the frames of {item.name}, whose video has "
+                f"{rate:g} per second; expected times in s"
+            )
         found.append(times)
     return found
-
-
-def _check_interval(path: Path, item: Media, times: np.ndarray) -> None:
-    """Raise InputError if times are of another unit: ms or ns, with which other programs count."""
-    if len(times) < 2 or item.fps is None:
-        return
-    interval = float(np.median(np.diff(times)))
-    if not 1 / _OTHER_UNIT < interval * item.fps < _OTHER_UNIT:
-        raise InputError(
-            f"{path}: {interval:.3g} between the frames of {item.name}, whose video has "
-            f"{item.fps:g} per second; expected times in s"
-        )
 
 
 def _read_times(path: Path) -> dict[str, list[tuple[int, float]]]:

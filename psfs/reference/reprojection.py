@@ -20,7 +20,7 @@ def splat(
 ) -> np.ndarray:
     """Return the silhouette `shape` bool of voxels with `centres` (N, 3): the union of the boxes
     of pixels that they cover; see `voxel_footprints`."""
-    _, low, end, _ = pixel_boxes(camera, centres, footprint)
+    low, end, _ = pixel_boxes(camera, centres, footprint)
     covered = np.zeros(shape, bool)
     for x0, y0, x1, y1 in np.unique(np.column_stack([low, end]), axis=0):
         covered[y0:y1, x0:x1] = True

@@ -9,12 +9,11 @@ import scipy
 
 from psfs.background.chroma_key import AREA, BRIGHT, DARK, LEAST_SPREAD, LIGHT_STD, NOISE, ChromaKey
 from psfs.cameras.camera import CameraRig
-from psfs.cameras.rig_geometry import CELL
+from psfs.cameras.rig_geometry import CELL, floor_points
 from psfs.common.colours import chromaticity
 from psfs.reference.light import apply_light, estimate_light
 from psfs.silhouettes.appearance import BINS
 from psfs.silhouettes.config import PIXEL, SPAN, SilhouetteConfig
-from psfs.silhouettes.floor_shadow import floor_points
 
 if TYPE_CHECKING:
     from psfs.background.gaussian import Background
@@ -237,7 +236,7 @@ def floor_light(
         alpha, distance = light_factor(image, mean, _weight(std, config))
         factors.append(alpha)
         left.append(distance)
-    points = floor_points(rig, config.floor)
+    points = floor_points(rig, config.floor.seen_height)
     light = np.empty(images.shape[:3])
     for view, shown in enumerate(points):
         on_floor = np.isfinite(shown[..., 0])

@@ -114,7 +114,7 @@ def nearest_depth(
 ) -> np.ndarray:
     """Return (H, W) depth in m of the nearest voxel, infinite where there is none; see
     `voxel_footprints`."""
-    _, low, high, depth = pixel_boxes(camera, centres, footprint)
+    low, high, depth = pixel_boxes(camera, centres, footprint)
     extent = high - low
     buffer = np.full(shape, np.inf)
     for dx, dy in np.ndindex(*extent.max(0, initial=0)):

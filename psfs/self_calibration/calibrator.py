@@ -51,7 +51,12 @@ from psfs.self_calibration.search import (
     place_cameras,
 )
 from psfs.self_calibration.take import Outlines, PersonTake, check_seen
-from psfs.self_calibration.world import align_to_person, level_rig, measure_path
+from psfs.self_calibration.world import (
+    align_to_person,
+    level_rig,
+    measure_path,
+    measure_places,
+)
 
 #: Arrangements from the search that are adjusted, and those of these that are adjusted further, and
 #: places of one camera that are tried.
@@ -98,12 +103,9 @@ def calibrate_by_person(
     """
     check_number_of_cameras(len(cameras))
     take = PersonTake.create(cameras, outlines, edges, rate, config)
-    best = _find_rig(take, rate, config, track)
+    best = _find_rig(take, rate, track)
     return _make_calibration(
-        best,
-        take.points,
-        rate,
-        lambda adjusted, touched: align_to_person(adjusted, take, touched, config),
+        best, take.points, rate, lambda adjusted, touched: align_to_person(adjusted, take, touched)
     )
 
 
@@ -134,9 +136,11 @@ def adjust_calibration(
     )
 
 
-def _find_rig(take: PersonTake, rate: float, config: PersonConfig, track: Track) -> Adjusted | None:
+def _find_rig(take: PersonTake, rate: float, track: Track) -> Adjusted | None:
     """Return the rig that fits best, searched or grown."""
-    core = choose_core(take.points)
+    # Arrangements are compared by the cameras that see the whole person in most pictures.
+    order = np.argsort(np.negative(take.points.whole), kind="stable")
+    core = [int(view) for view in order[:CORE]]
     ranked = _rank_starts(_search(take, core, track), take, core, track)
     first = [adjust_frontier(rig, take.points) for rig in ranked]
     candidates = [rig for rig in first if rig is not None]
@@ -155,13 +159,6 @@ def _find_rig(take: PersonTake, rate: float, config: PersonConfig, track: Track)
             rival = _refine_finely(rival, take.points, take.edges, take.find_up)
             check_unambiguous(best, rival, take.points, rate)
     return best
-
-
-def choose_core(points: PersonPoints) -> list[int]:
-    """Return the cameras by which arrangements are compared: those that see the whole person in
-    most pictures, the best first."""
-    order = np.argsort(np.negative(points.whole), kind="stable")
-    return [int(view) for view in order[:CORE]]
 
 
 def _search(take: PersonTake, core: Sequence[int], track: Track) -> ArrangementSearch:
@@ -226,7 +223,7 @@ def _make_calibration(
     check_uncertainty(best, turns, moves, points)
     touched = points.find_all(best.rig.cameras, best.shifts, LAST_GATE)
     rig, levelled = align(best, touched)
-    path = measure_path(rig, touched)
+    path = measure_path(measure_places(rig, touched)[1])
     return PersonCalibration(
         rig, best.lags, best.last.residual, best.last.count, misfits, path, levelled, turns, moves
     )

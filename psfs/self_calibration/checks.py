@@ -3,13 +3,13 @@ arrangement fits as well, and how well the cameras' directions and positions are
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 import scipy
 
 from cl import InputError
-from psfs.cameras.camera import Camera
+from psfs.cameras.names import join_names
 from psfs.cameras.rig_geometry import intersect_axes_ahead
 from psfs.common.least_squares import estimate_noise, robust_weights
 from psfs.common.numbers import FALSE_ALARMS, STEP_SECONDS
@@ -53,10 +53,6 @@ def check_unambiguous(best: Adjusted, rival: Adjusted, points: PersonPoints, rat
         "somebody who walks on a circle; film one person who walks straight lines to and fro, "
         "turns and stops"
     )
-
-
-def list_lags(cameras: Iterable[Camera], lags: np.ndarray) -> str:
-    return ", ".join(f"{camera.name} {lag:+.2f}" for camera, lag in zip(cameras, lags, strict=True))
 
 
 def advise(names: Sequence[str], points: PersonPoints) -> str:
@@ -143,9 +139,10 @@ def check_uncertainty(
     ):
         worst = int(np.argmax(spreads))
         if not spreads[worst] <= limit:
+            late = (f"{name} {lag:+.2f}" for name, lag in zip(names, adjusted.lags, strict=True))
             raise InputError(
                 f"{names[worst]}'s {what} is uncertain "
                 f"({factor * spreads[worst]:.2f} {unit}, limit {factor * limit:.2f}), as of "
                 "somebody who stays in place or is hidden: walk about more; the times are found, "
-                f"frames late: {list_lags(adjusted.rig, adjusted.lags)}; {advise(names, points)}"
+                f"frames late: {join_names(late)}; {advise(names, points)}"
             )

@@ -42,7 +42,3 @@ class PersonConfig(Config):
         "Standard deviation of the focal length's logarithm, as where only an angle of view is "
         "stated; 0: it is kept.",
     )
-
-    def free_lenses(self) -> PersonConfig:
-        """Return these settings for cameras of which only an angle of view is stated."""
-        return self.replace(focal=0.1)

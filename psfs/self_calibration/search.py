@@ -25,8 +25,10 @@ from psfs.self_calibration.upright import FEWEST, UprightView
 _PLACES, _PLANES = 0.1, 0.006
 #: Shortest line between two cameras, and the height of the person's middle, statures.
 _SHORTEST, _MIDDLE = 0.2, 0.55
-#: Angles around the vertical that are tried, rad, and lags with one translation.
-_ANGLES, _STRIDE = 2 * np.pi * np.arange(36) / 36, 5
+#: Lags with one translation, angles around the vertical that are tried, rad, and their rotations.
+_STRIDE, _ANGLES = 5, 2 * np.pi * np.arange(36) / 36
+_COSINES, _SINES = np.cos(_ANGLES), np.sin(_ANGLES)
+_TURNS = np.stack([_COSINES, -_SINES, _SINES, _COSINES], -1).reshape(-1, 2, 2)
 #: Partial arrangements that are kept, places that are tried of each camera, and steps of angle and
 #: lag up to which arrangements are the same.
 _KEPT, _BEST_PLACES, _SAME = 80, 12, 2
@@ -39,12 +41,10 @@ def compare_pair(first: UprightView, second: UprightView, most: int) -> np.ndarr
     frame t of the first shows the time of frame t + l of the second. NaN where they cannot be
     compared. The translation is the same for `_STRIDE` consecutive lags.
     """
-    costs = np.full((len(_ANGLES), 2 * most + 1), np.nan)
+    costs = np.full((len(_TURNS), 2 * most + 1), np.nan)
     a, b = first.places, second.places
     fewest = max(FEWEST, int(LEAST_OVERLAP * min(len(a), len(b))))
-    cosine, sine = np.cos(_ANGLES), np.sin(_ANGLES)
-    turns = np.stack([np.stack([cosine, -sine], -1), np.stack([sine, cosine], -1)], -2)
-    turned = b @ turns.swapaxes(1, 2)
+    turned = b @ _TURNS.swapaxes(1, 2)
     for begin in range(0, 2 * most + 1, _STRIDE):
         lags = np.arange(begin, min(begin + _STRIDE, 2 * most + 1)) - most
         one, other = _overlap(a, b, int(lags[len(lags) // 2]))
@@ -52,8 +52,8 @@ def compare_pair(first: UprightView, second: UprightView, most: int) -> np.ndarr
         if known.sum() < fewest:
             continue
         here, there = one[known].mean(0), other[known].mean(0)
-        shifts = here - turns @ there
-        rows, planes = _planes((first, second), turns, shifts, here)
+        shifts = here - _TURNS @ there
+        rows, planes = _planes((first, second), shifts, here)
         if planes is None:
             continue
         costs[rows, begin : begin + len(lags)] = differing_shares(
@@ -93,10 +93,9 @@ def differing_shares(a: np.ndarray, b: np.ndarray, lags: np.ndarray, noise: floa
 
 
 def _planes(
-    views: tuple[UprightView, UprightView], turns: np.ndarray, shifts: np.ndarray,
-    person: np.ndarray,
-) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray] | None]:  # fmt: skip
-    """Return which of the turns (A, 2, 2) can be compared (R,), and for these the positions (R, F,
+    views: tuple[UprightView, UprightView], shifts: np.ndarray, person: np.ndarray
+) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray] | None]:
+    """Return which of the turns can be compared (R,), and for these the positions (R, F,
     2) of the planes that touch either camera's silhouettes, statures at the person.
 
     Turns by which the line between the cameras passes too near to the person are left out; None if
@@ -117,7 +116,7 @@ def _planes(
     ahead = ahead / distances
     axes = np.stack([ahead, np.cross(lines, ahead)], -1)
     turned = axes.copy()
-    turned[:, :2] = turns[rows].swapaxes(1, 2) @ axes[:, :2]
+    turned[:, :2] = _TURNS[rows].swapaxes(1, 2) @ axes[:, :2]
     positions = []
     for view, directions in ((first, axes), (second, turned)):
         forward, across = (directions[..., side] @ view.rays.T for side in range(2))
@@ -190,7 +189,7 @@ class ArrangementSearch:
 
     def _costs(self, view: int, places: Mapping[int, Place]) -> np.ndarray:
         """Return the costs (A, L) of a camera with those that are placed, summed."""
-        total = np.zeros((len(_ANGLES), 2 * self.most + 1))
+        total = np.zeros((len(_TURNS), 2 * self.most + 1))
         for other, (angle, lag) in places.items():
             if (other, view) not in self._tables:
                 continue
@@ -220,7 +219,7 @@ class ArrangementSearch:
             steps = np.array([places[view] for view in sorted(places)])
             if taken:
                 apart = np.abs(np.array(taken) - steps)
-                apart[..., 0] = np.minimum(apart[..., 0], len(_ANGLES) - apart[..., 0])
+                apart[..., 0] = np.minimum(apart[..., 0], len(_TURNS) - apart[..., 0])
                 if (apart <= _SAME).all((1, 2)).any():
                     continue
             different.append((cost, places))
@@ -232,7 +231,7 @@ class ArrangementSearch:
     def _describe(self, places: Mapping[int, Place]) -> Arrangement:
         """Return the arrangement of all cameras."""
         ordered, first = [places[view] for view in range(self.n_cameras)], places[0]
-        return tuple(((a - first[0]) % len(_ANGLES), lag - first[1]) for a, lag in ordered)
+        return tuple(((a - first[0]) % len(_TURNS), lag - first[1]) for a, lag in ordered)
 
 
 def place_cameras(
@@ -245,14 +244,12 @@ def place_cameras(
     """
     placed, first = [], views[0].places
     for camera, view, (angle, lag) in zip(cameras, views, arrangement, strict=True):
-        cosine, sine = np.cos(_ANGLES[angle]), np.sin(_ANGLES[angle])
-        turn = np.array([[cosine, -sine], [sine, cosine]])
         here, there = _overlap(first, view.places, lag)
-        apart = here - there @ turn.T
+        apart = here - there @ _TURNS[angle].T
         known = np.isfinite(apart).all(axis=1)
         shift = apart[known].mean(axis=0) if known.any() else np.zeros(2)
         world = np.eye(3)
-        world[:2, :2] = turn
+        world[:2, :2] = _TURNS[angle]
         R = view.axes.T @ world.T
         placed.append(replace(camera, R=R, t=-R @ (stature * np.array([*shift, view.height]))))
     return CameraRig(tuple(placed))

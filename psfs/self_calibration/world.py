@@ -11,12 +11,12 @@ import numpy as np
 from psfs.calibration.scene import CalibrationScene, rigid_transform, turn_to_up
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.triangulation import intersect_rays
+from psfs.cameras.units import scale_rig
 from psfs.common.least_squares import Parameters, Residuals, Slope, prior, solve
 from psfs.common.numbers import pick_evenly
 from psfs.diagnostics.frontier import FrontierPoints, SilhouetteContours, trace_points
 from psfs.footage.camera_times import INDEPENDENT_SHARE
 from psfs.self_calibration.adjustment import Adjusted, PersonPoints
-from psfs.self_calibration.config import PersonConfig
 from psfs.self_calibration.room_edges import fit_vertical
 from psfs.self_calibration.take import PersonTake
 
@@ -41,7 +41,7 @@ def triangulate_points(rig: CameraRig, points: FrontierPoints) -> np.ndarray:
 
 
 def align_to_person(
-    adjusted: Adjusted, take: PersonTake, points: FrontierPoints, config: PersonConfig
+    adjusted: Adjusted, take: PersonTake, points: FrontierPoints
 ) -> tuple[CameraRig, bool]:
     """Return the rig in metres with Z up and Z = 0 on the floor, below the person's middle, and
     whether up is the room's.
@@ -50,11 +50,10 @@ def align_to_person(
     floor below the lowest points. points: where silhouettes touch common planes. X is the first
     camera's right.
     """
-    stature = config.stature
+    stature = take.points.config.stature
     rig = _place(adjusted.rig, take.find_up(adjusted.rig), points, stature)
     low, _ = _frame_extremes(triangulate_points(rig, points), points.frames)
-    slope = fit_floor(low)
-    rig = _place(rig, np.array([-slope[0], -slope[1], 1.0]), points, stature)
+    rig = _place(rig, fit_floor(low), points, stature)
     rig, levelled = level_rig(replace(adjusted, rig=rig), take.points, take.edges, points)
     return _place(rig, np.array([0.0, 0.0, 1.0]), points, stature, floor=0.0), levelled
 
@@ -70,12 +69,13 @@ def level_rig(
     rig = adjusted.rig
     up = fit_vertical(rig, edges, np.array([0.0, 0.0, 1.0]))
     if up is not None:
-        rig = _transform(rig, turn_to_up(up, np.array([1.0, 0.0, 0.0])), np.zeros(3))
+        rig = transform_rig(rig, turn_to_up(up, np.array([1.0, 0.0, 0.0])), np.zeros(3))
     floor = measure_floor(rig, person.contours, adjusted.shifts, *measure_places(rig, points))
-    return _transform(rig, np.eye(3), np.array([0.0, 0.0, -floor])), up is not None
+    return transform_rig(rig, np.eye(3), np.array([0.0, 0.0, -floor])), up is not None
 
 
-def _transform(rig: CameraRig, R: np.ndarray, shift: np.ndarray) -> CameraRig:
+def transform_rig(rig: CameraRig, R: np.ndarray, shift: np.ndarray) -> CameraRig:
+    """Return the rig in another world, x' = R x + shift."""
     return CameraRig(CalibrationScene(rig.cameras, {}).transform(rigid_transform(R, shift)).cameras)
 
 
@@ -91,12 +91,12 @@ def _place(
     lowest = np.median(low[:, 2]) if floor is None else floor
     factor = stature / (np.percentile(top[:, 2], _STANDING) - lowest)
     origin = np.array([*np.median(places[:, :2], axis=0), lowest])
-    turned = _transform(rig, R, -origin)
-    return CameraRig(tuple(replace(camera, t=camera.t * factor) for camera in turned))
+    turned = transform_rig(rig, R, -origin)
+    return scale_rig(turned, factor)
 
 
 def fit_floor(low: np.ndarray, up: float = _UP) -> np.ndarray:
-    """Return the rise of the floor (2,), m per m along x and y, below the lowest places (F, 3).
+    """Return the floor's up (3,), of z 1, below the lowest places (F, 3).
 
     up: standard deviation of the given up, rad. Where two cameras did not see the feet, hands or
     knees are lowest: robust least squares leave these out.
@@ -112,8 +112,8 @@ def fit_floor(low: np.ndarray, up: float = _UP) -> np.ndarray:
         return [away, prior("floor", parameters["floor"], np.array([[up, up, np.inf]]))]
 
     start = np.array([[0.0, 0.0, np.median(low[:, 2])]])
-    slope: np.ndarray = solve(evaluate, {"floor": start}).parameters["floor"][0, :2]
-    return slope
+    rise = solve(evaluate, {"floor": start}).parameters["floor"][0, :2]
+    return np.append(-rise, 1.0)
 
 
 def measure_places(rig: CameraRig, points: FrontierPoints) -> tuple[np.ndarray, np.ndarray]:
@@ -124,10 +124,9 @@ def measure_places(rig: CameraRig, points: FrontierPoints) -> tuple[np.ndarray, 
     return frames, np.array(middles).reshape(-1, 2)
 
 
-def measure_path(rig: CameraRig, points: FrontierPoints) -> float:
-    """Return the standard deviation of the person's places on the floor along the direction in
-    which it is greatest, m."""
-    _, places = measure_places(rig, points)
+def measure_path(places: np.ndarray) -> float:
+    """Return the standard deviation of the person's places (F, 2) on the floor along the direction
+    in which it is greatest, m."""
     return float(np.sqrt(np.linalg.eigvalsh(np.cov(places.T))[-1])) if len(places) > 1 else 0.0
 
 

@@ -61,6 +61,11 @@ class FloorConfig(Config):
         0.0, "Height of the floor in the world of the calibration.", "by definition", "m"
     )
 
+    @property
+    def seen_height(self) -> float:
+        """The floor's height, m; NaN if shadows are not detected."""
+        return self.height if self.on else float("nan")
+
 
 class RimConfig(Config):
     """The silhouette's rim, where the person's colour and the background's are mixed. Without this

@@ -22,9 +22,6 @@ def hide_launch(device: Device, hidden: np.ndarray, evidence: Array) -> Launch:
     kernel = device.kernel("reconstruction/hidden", "hide", LOT=LOT, UNKNOWN=UNKNOWN)
     where = device.to_device(hidden.view(np.uint8), "the hidden pixels")
     return device.launch(
-        kernel, (_lots(hidden.size),), (64,), n_pixels=hidden.size, hidden=where, evidence=evidence
-    )
-
-
-def _lots(n_pixels: int) -> int:
-    return -(-n_pixels // LOT)
+        kernel, (-(-hidden.size // LOT),), (64,), n_pixels=hidden.size, hidden=where,
+        evidence=evidence,
+    )  # fmt: skip

@@ -14,12 +14,11 @@ from psfs.background.chroma_key import ChromaKey, key_launch
 from psfs.background.config import BackgroundConfig
 from psfs.background.light import light_launch, sampled_scene, steady_light
 from psfs.cameras.camera import BLOCK, CameraRig
-from psfs.cameras.rig_geometry import CELL, cells
+from psfs.cameras.rig_geometry import CELL, cells, floor_points
 from psfs.common.progress import map_in_threads
 from psfs.common.ranges import check_stack
 from psfs.silhouettes.appearance import BINS, Foreground, ForegroundPrior
 from psfs.silhouettes.config import PIXEL, SPAN, SilhouetteConfig
-from psfs.silhouettes.floor_shadow import floor_points
 from psfs.silhouettes.hidden import hide_launch
 
 if TYPE_CHECKING:
@@ -103,19 +102,14 @@ class Silhouette:
         mapped = {"ratios": ratios, "sizes": self._sizes, "table": table}
         mapped["evidence"] = self.evidence
         plain = not scene or not (config.rim.on or config.smoothing.reach)
-        shown = None if plain else self._foreground_spans()
+        # Which spans of pixels show foreground; the border is and stays 0.
+        spans = (len(rig), cells(rig)[0] + 2, -(-rig.width // SPAN) + 2)
+        shown = None if plain else device.zeros(spans, np.uint8, "the foreground's spans")
         launches = [
             *before,
             self._launch("silhouette", "silhouette", self._packs(), **mapped, shown=shown),
         ]
         return launches if shown is None else [*launches, *self._rims(scene, mapped, shown)]
-
-    def _foreground_spans(self) -> Array:
-        """Return an array (V, rows + 2, spans + 2) for which spans of pixels show foreground; its
-        border is and stays 0."""
-        rows, _ = cells(self.rig)
-        shape = (len(self.rig), rows + 2, -(-self.rig.width // SPAN) + 2)
-        return self.device.zeros(shape, np.uint8, "the foreground's spans")
 
     def _before_scene(
         self, background: Background, ratios: Array
@@ -138,7 +132,8 @@ class Silhouette:
         shade = device.empty((len(rig), rows + 2, columns + 2), np.uint8, "the floor's light")
         light = device.to_device(steady_light(len(rig)), "the light")
         cameras = device.to_device(rig.packed(), "the cameras")
-        floor = device.to_device(floor_points(rig, config.floor).astype(np.float32), "the floor")
+        points = floor_points(rig, config.floor.seen_height).astype(np.float32)
+        floor = device.to_device(points, "the floor")
         if config.appearance.learn:
             self.foreground = Foreground(device, rig, config, self.input, self.evidence, prior)
         luma = device.empty((len(rig), rig.height, rig.width), np.uint8, "the pictures' luma")

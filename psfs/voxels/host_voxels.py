@@ -51,7 +51,7 @@ def voxel_silhouette(
 
     footprint: (2,) px m, see `psfs.cameras.rig_geometry.voxel_footprints`.
     """
-    _, low, high, _ = pixel_boxes(camera, centres, footprint)
+    low, high, _ = pixel_boxes(camera, centres, footprint)
     drawn = np.zeros(shape, bool)
     if not len(low):
         return drawn

@@ -3,10 +3,9 @@
 from pathlib import Path
 
 import pytest
-from helpers.commands import state_track
+from helpers.commands import fail, state_track
 
 from apf.body.toml import load_body
-from apf.cli import main
 from apf.filters.config import FilterConfig
 from apf.filters.method import Method
 from apf.filters.term_weights import parse_weights
@@ -73,13 +72,13 @@ def test_flags_and_config_beat_a_preset(tmp_path: Path) -> None:
     assert other.search == "sir" and other.filter.settings["surface_weight"] == 0
 
 
-def test_unknown_presets(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_unknown_presets(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="preset 'deutscher'; expected kwolek, rymut, song"):
         preset("deutscher")
-    assert main(["track", "walk", "-o", str(tmp_path / "out"), "--preset", "deutscher"]) == 2
-    assert "deutscher" in capsys.readouterr().err
+    said = fail("apf", "track", "walk", "-o", tmp_path / "out", "--preset", "deutscher")
+    assert "deutscher" in said
     file = tmp_path / "own.toml"
     file.write_text('preset = "deutscher"\n')
-    assert main(["track", "walk", "-o", str(tmp_path / "out"), "--config", str(file)]) == 2
-    assert "expected one of kwolek, rymut, song" in capsys.readouterr().err
+    said = fail("apf", "track", "walk", "-o", tmp_path / "out", "--config", file)
+    assert "expected one of kwolek, rymut, song" in said
     assert Preset().method == Method()

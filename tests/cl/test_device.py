@@ -27,15 +27,6 @@ def fresh(device: Device) -> Device:
     return Device(device.handle)
 
 
-@pytest.fixture
-def kernels(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A folder that stands for cl/kernels; its sources are not cached from test to test."""
-    monkeypatch.setattr(cl.program.resources, "files", lambda package: tmp_path)
-    monkeypatch.setattr(cl.device, "kernel_source", kernel_source.__wrapped__)
-    (tmp_path / "kernels").mkdir()
-    return tmp_path / "kernels"
-
-
 FILL = """
 __kernel void fill(int n, float value, __global float *out)
 {
@@ -52,6 +43,17 @@ __kernel void sizes(__global int *out)
     }
 }
 """
+
+
+@pytest.fixture
+def kernels(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder that stands for cl/kernels, with FILL as no other test builds it; its sources are
+    not cached from test to test."""
+    monkeypatch.setattr(cl.program.resources, "files", lambda package: tmp_path)
+    monkeypatch.setattr(cl.device, "kernel_source", kernel_source.__wrapped__)
+    (tmp_path / "kernels").mkdir()
+    (tmp_path / "kernels" / "some.cl").write_text(f"{FILL}// {tmp_path}")
+    return tmp_path / "kernels"
 
 
 # Choice ------------------------------------------------------------------------------------------
@@ -193,7 +195,6 @@ def test_memory_is_accounted_and_released(fresh: Device) -> None:
 
 
 def test_launches_keep_their_arrays(fresh: Device, kernels: Path) -> None:
-    (kernels / "some.cl").write_text(FILL)
     out = fresh.empty(64, np.float32)
     launch = fresh.launch(
         fresh.kernel("some", "fill", SCALE=1), (64,), None, n=64, value=1, out=out
@@ -234,7 +235,6 @@ def test_siblings_share_memory_and_programs(
     fresh: Device, kernels: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     caplog.set_level("INFO", "cl")
-    (kernels / "some.cl").write_text(f"{FILL}// {kernels}")  # as no other test builds it
     other = fresh.sibling()
     taken = other.empty(100, np.uint8)
     assert fresh.allocated == other.allocated == 100
@@ -294,7 +294,6 @@ def test_programs_are_built_once_per_set_of_defines(
     fresh: Device, kernels: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     caplog.set_level("INFO", "cl")
-    (kernels / "some.cl").write_text(f"{FILL}// {kernels}")  # as no other test builds it
     out = {}
     for scale in (1, 1, 2, 0.5, np.float64(0.25), np.float32(0.125)):
         out[float(scale)] = fresh.zeros(3, np.float32)
@@ -312,7 +311,6 @@ def test_programs_are_built_once_per_set_of_defines(
 def test_global_sizes_are_padded(
     fresh: Device, kernels: Path, wanted: tuple, local: tuple, padded: tuple
 ) -> None:
-    (kernels / "some.cl").write_text(FILL)
     out = fresh.zeros(4, np.int32)
     fresh.launch(fresh.kernel("some", "sizes", SCALE=1), wanted, local, out=out)()
     np.testing.assert_array_equal(out.get(), [*padded, *local, *[1] * (2 - len(local))])
@@ -324,7 +322,6 @@ def test_global_sizes_are_padded(
 def test_profiles_name_every_command(device: Device, kernels: Path) -> None:
     profiled = Device(device.handle, profile=True)
     assert profiled.profiler is not None
-    (kernels / "some.cl").write_text(FILL)
     out = profiled.empty(1000, np.float32)
     kernel = profiled.kernel("some", "fill", SCALE=1)
     plain, named = (

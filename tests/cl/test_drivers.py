@@ -1,12 +1,11 @@
 """Drivers that pip installs: PoCL's wheel on unknown processors, Intel's CPU runtime."""
 
 import os
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
 import pytest
+from helpers.commands import run_python
 
 import cl.probe
 import cl.vendors
@@ -73,13 +72,9 @@ print(found.fault, found.target, pocl_wheel.read_target(wheel))
 assert probe(wheel) == found and probe(wheel, afresh=True).target == found.target
 print(examine(wheel).fault)
 """
-    paths = os.pathsep.join(filter(None, sys.path))
-    ended = subprocess.run(
-        [sys.executable, "-c", code, tmp_path], capture_output=True, text=True, check=False,
-        env={**os.environ, "PYTHONPATH": paths, "PYOPENCL_NO_CACHE": "1"},
-    )  # fmt: skip
-    assert ended.returncode == 0, ended.stderr
-    before, during, after = ended.stdout.splitlines()
+    ended = run_python("-c", code, tmp_path, PYOPENCL_NO_CACHE="1")
+    assert ended.code == 0, ended
+    before, during, after = ended.out.splitlines()
     fitting = pocl_wheel.fitting_target()
     assert "unknown target CPU 'generic'" in before
     assert during == f"None {fitting} {fitting}"

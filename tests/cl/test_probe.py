@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers.commands import run_python
 
 import cl.listing
 import cl.probe
@@ -123,9 +124,8 @@ def test_kernels_are_launched_without_a_home(tmp_path: Path) -> None:
     places = {"HOME": "/proc/none", "XDG_CACHE_HOME": "", "TMPDIR": str(tmp_path)}
     places["POCL_CACHE_DIR"] = "/dev/null/x"
     code = "from cl import launch, select_device; select_device('auto'); launch._keep_code()"
-    words = [sys.executable, "-c", code]
-    done = subprocess.run(words, env={**os.environ, **places}, capture_output=True, text=True)
-    assert done.returncode == 0 and "Error" not in done.stderr, done.stderr
+    done = run_python("-c", code, **places)
+    assert done.code == 0 and "Error" not in done.err, done
 
 
 @pytest.mark.skipif(os.name == "nt", reason="Windows has no limit of file sizes")
@@ -134,11 +134,8 @@ def test_a_cache_without_room_for_kernels_is_refused(tmp_path: Path) -> None:
         "import resource, sys; resource.setrlimit(resource.RLIMIT_FSIZE, (60_000, 60_000));"
         "from psfs.cli import main; sys.exit(main(['devices']))"
     )
-    environment = os.environ | {"XDG_CACHE_HOME": str(tmp_path)}
-    environment.pop("POCL_CACHE_DIR", None)
-    command = [sys.executable, "-c", code]
-    ended = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
-    assert ended.returncode == 2 and "no room for compiled kernels" in ended.stderr
+    ended = run_python("-c", code, XDG_CACHE_HOME=str(tmp_path), POCL_CACHE_DIR=None)
+    assert ended.code == 2 and "no room for compiled kernels" in ended.err
 
 
 @pytest.mark.skipif(os.name == "nt", reason="Windows has no signals")
@@ -186,7 +183,7 @@ def test_devices_that_fail_are_passed_over_and_named(
 
 @pytest.fixture(scope="module")
 def broken(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
-    """An environment in which OpenCL's loader finds such a driver."""
+    """Variables by which OpenCL's loader finds such a driver."""
     compiler = shutil.which("cc") or shutil.which("gcc")
     if compiler is None or not sys.platform.startswith("linux"):
         pytest.skip("no C compiler on Linux to make a broken driver with")
@@ -197,36 +194,29 @@ def broken(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     known = os.environ.get("OCL_ICD_VENDORS", "/etc/OpenCL/vendors")
     for path in Path(known).glob("*.icd"):
         shutil.copy(path, folder)
-    paths = os.pathsep.join(filter(None, sys.path))
-    wide = {"COLUMNS": "200"}  # no name in the table is cut
-    return {**os.environ, "OCL_ICD_VENDORS": str(folder), "PYTHONPATH": paths, **wide}
-
-
-def run(environment: dict[str, str], *words: str) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "psfs.cli", *words]
-    return subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    return {"OCL_ICD_VENDORS": str(folder), "COLUMNS": "200"}  # no name in the table is cut
 
 
 def test_a_broken_device_is_listed_beside_those_that_work(broken: dict[str, str]) -> None:
-    ended = run(broken, "devices")
-    if "Broken GPU" not in ended.stdout:
+    ended = run_python("-m", "psfs.cli", "devices", **broken)
+    if "Broken GPU" not in ended.out:
         pytest.skip("OpenCL's loader here does not read OCL_ICD_VENDORS")
-    assert ended.returncode == 0
-    rows = {line.split("│")[1].strip(): line for line in ended.stdout.splitlines() if "│" in line}
+    assert ended.code == 0
+    rows = {line.split("│")[1].strip(): line for line in ended.out.splitlines() if "│" in line}
     assert "no" in rows["Broken GPU"].split() and "yes" in rows[Device.best().name]
-    assert "unknown target CPU" in ended.stdout + ended.stderr
+    assert "unknown target CPU" in ended.out + ended.err
 
 
 def test_a_broken_device_is_refused_by_name_and_passed_over_by_auto(
     broken: dict[str, str], walk: Path, tmp_path: Path
 ) -> None:
-    words = ["reconstruct", str(walk), "-o", str(tmp_path / "out"), "--frames", "0:1", "--device"]
-    named = run(broken, *words, "broken gpu")
-    if "no OpenCL device matches" in named.stderr:
+    flags = ["-o", str(tmp_path / "out"), "--frames", "0:1", "--device", "broken gpu"]
+    named = run_python("-m", "psfs.cli", "reconstruct", walk, *flags, **broken)
+    if "no OpenCL device matches" in named.err:
         pytest.skip("OpenCL's loader here does not read OCL_ICD_VENDORS")
-    assert named.returncode == 2 and "please report" not in named.stderr
-    (line,) = named.stderr.splitlines()
+    assert named.code == 2 and "please report" not in named.err
+    (line,) = named.err.splitlines()
     assert "Broken GPU does not work" in line and "unknown target CPU" in line
     use = "from cl import Device; assert Device.best().zeros(3, 'f4').get().sum() == 0"
-    auto = subprocess.run([sys.executable, "-c", use], env=broken, capture_output=True, text=True)
-    assert auto.returncode == 0 and "Broken GPU does not work" in auto.stderr
+    auto = run_python("-c", use, **broken)
+    assert auto.code == 0 and "Broken GPU does not work" in auto.err

@@ -5,13 +5,12 @@ import pickle
 import signal
 import socket
 import struct
-import subprocess
-import sys
 import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+from helpers.commands import run_python
 from helpers.faults import refused
 
 from apf.cli.batch import list_takes
@@ -112,8 +111,7 @@ def test_processes_of_threads_started_inside_receive_no_interrupts() -> None:
     said = []
 
     def start() -> None:
-        said.append(subprocess.run([sys.executable, "-c", show], capture_output=True, text=True,
-                                   check=True).stdout.strip())  # fmt: skip
+        said.append(run_python("-c", show).out.strip())
 
     with defer_interrupts():
         thread = threading.Thread(target=start)

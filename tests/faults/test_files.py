@@ -13,17 +13,11 @@ import cv2
 import numpy as np
 import pytest
 from helpers import footage
-from helpers.faults import changed_npz, refused, run
+from helpers.commands import run
+from helpers.faults import changed_npz, npy, refused
 from helpers.footage import cut
 
 NAN, INF = float("nan"), float("inf")
-
-
-def header(shape: tuple, dtype: str = "<f8", data: bytes = b"") -> bytes:
-    """An npy that claims a shape."""
-    text = repr({"descr": dtype, "fortran_order": False, "shape": shape}).encode()
-    text += b" " * (64 - (len(text) + 11) % 64) + b"\n"
-    return b"\x93NUMPY\x01\x00" + struct.pack("<H", len(text)) + text + data
 
 
 def with_entry(path: Path, name: str, content: bytes) -> None:
@@ -39,11 +33,11 @@ def with_entry(path: Path, name: str, content: bytes) -> None:
 #: Of every npz.
 ARCHIVES: dict[str, Callable[[Path], Any]] = {
     "empty": lambda p: p.write_bytes(b""),
-    "npy": lambda p: p.write_bytes(header((1,), data=b"\0" * 8)),
+    "npy": lambda p: p.write_bytes(npy((1,), data=b"\0" * 8)),
     "an empty archive": lambda p: p.write_bytes(b"PK\x05\x06" + b"\0" * 18),
     "objects": lambda p: changed_npz(p, extra=np.array([{}], object)),
-    "a huge header": lambda p: with_entry(p, "extra", header((10**12,))),
-    "a negative length": lambda p: with_entry(p, "extra", header((-3,))),
+    "a huge header": lambda p: with_entry(p, "extra", npy((10**12,))),
+    "a negative length": lambda p: with_entry(p, "extra", npy((-3,))),
     "code for a header": lambda p: with_entry(
         p, "extra", b"\x93NUMPY\x01\x00" + struct.pack("<H", 30) + b"__import__('os').abort()      "
     ),
@@ -58,16 +52,11 @@ FILES = {
 }
 
 
-def words_in(stock: Path, words: list[str]) -> list[str]:
-    paths = {"out", "track", "truth.npz", "truth.trc", "new", "x.png", "seq", "walk", "pose.txt"}
-    return [*words[:2], *(str(stock / word) if word in paths else word for word in words[2:])]
-
-
 @pytest.mark.parametrize("fault", ARCHIVES)
 @pytest.mark.parametrize("name", FILES)
 def test_archives(stock: Path, name: str, fault: str) -> None:
     ARCHIVES[fault](stock / name)
-    refused(words_in(stock, FILES[name]), stock, Path(name).name)
+    refused(FILES[name], stock, Path(name).name)
 
 
 N = 6
@@ -124,20 +113,20 @@ TRUTH: dict[str, dict[str, Any]] = {
 def test_clouds(stock: Path, fault: str) -> None:
     path = stock / "out/clouds/frame_000001.npz"
     changed_npz(path, **CLOUD[fault])
-    refused(words_in(stock, FILES["out/clouds/frame_000001.npz"]), stock, path.name)
+    refused(FILES["out/clouds/frame_000001.npz"], stock, path.name)
 
 
 @pytest.mark.parametrize("fault", TRACK)
 def test_tracks(stock: Path, fault: str) -> None:
     (stock / "track/body.toml").unlink()
     changed_npz(stock / "track/track.npz", **TRACK[fault])
-    refused(words_in(stock, FILES["track/track.npz"]), stock, "track")
+    refused(FILES["track/track.npz"], stock, "track")
 
 
 @pytest.mark.parametrize("fault", TRUTH)
 def test_truths(stock: Path, fault: str) -> None:
     changed_npz(stock / "truth.npz", **TRUTH[fault])
-    refused(words_in(stock, FILES["truth.npz"]), stock, "truth.npz")
+    refused(FILES["truth.npz"], stock, "truth.npz")
 
 
 TRC: dict[str, Callable[[str], str]] = {
@@ -163,7 +152,7 @@ def test_trc(stock: Path, fault: str) -> None:
     text = TRC[fault](path.read_text())
     path.write_text(text, errors="surrogateescape")
     words = ["apf", "evaluate", "track", "--truth", "truth.trc", "-o", "new"]
-    refused(words_in(stock, words), stock, "truth.trc")
+    refused(words, stock, "truth.trc")
 
 
 POSES = {
@@ -179,7 +168,7 @@ def test_poses(stock: Path, fault: str) -> None:
     (stock / "pose.txt").write_text(POSES[fault])
     words = ["apf", "track", "seq", "-o", "new", "--init", "pose.txt", "--volume",
              "-1,1,-1,1,0,2", "--all-cameras"]  # fmt: skip
-    refused(words_in(stock, words), stock, "pose.txt")
+    refused(words, stock, "pose.txt")
 
 
 def png_claiming(width: int, height: int) -> bytes:
@@ -217,7 +206,7 @@ def test_pictures(stock: Path, fault: str, index: int) -> None:
     box = ["--voxel-size", "0.08", "--volume", "-0.6,0.6,-0.6,0.6,0,1.9"]
     words = ["psfs", "reconstruct", "seq", "-o", "new", "--device", "numpy", "--all-cameras", *box]
     if index:
-        outcome = run(words_in(stock, words))  # the frames before it are kept, if any were made
+        outcome = run(*words)  # the frames before it are kept, if any were made
         assert outcome.code == 2 and "0002.png" in outcome.err.strip().splitlines()[-1]
         assert "Traceback" not in outcome.err
         summary = stock / "new/summary.json"
@@ -225,7 +214,7 @@ def test_pictures(stock: Path, fault: str, index: int) -> None:
             assert "2 of 3 frames are in" in outcome.err
             assert len(json.loads(summary.read_text())["frames"]) == 2
     else:
-        refused(words_in(stock, words), stock, "c3")
+        refused(words, stock, "c3")
 
 
 VIDEOS: dict[str, Callable[[Path], Any]] = {
@@ -265,4 +254,4 @@ def test_meshes(stock: Path, fault: str) -> None:
     name, content = MESHES[fault]
     (stock / name).write_bytes(content)
     words = ["apf", "render", "walk", "track", "-o", "new", "--shape", str(stock / name)]
-    refused([*words_in(stock, words), "--device", "numpy"], stock, name)
+    refused([*words, "--device", "numpy"], stock, name)

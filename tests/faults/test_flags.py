@@ -5,7 +5,8 @@ from pathlib import Path
 
 import pytest
 from helpers import faults
-from helpers.faults import refused, run
+from helpers.commands import run, succeed
+from helpers.faults import refused
 
 #: What no flag for a number takes.
 NUMBERS = ("nan", "-inf", "1e300", "many", "", "9" * 401)
@@ -76,22 +77,17 @@ COMMANDS: dict[str, tuple[list[str], dict[str, tuple[str, ...]]]] = {
 
 
 @pytest.mark.parametrize("command", COMMANDS)
-def test_numbers(original: Path, command: str) -> None:
+def test_numbers(original: Path, command: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Nothing is written, so that all use one stock."""
+    monkeypatch.chdir(original)
     words, flags = COMMANDS[command]
     for number, (flag, values) in enumerate(flags.items()):
         for value in (*NUMBERS[: 2 if number else None], *values):  # all of them for one flag
             try:
                 said = "" if flag == "--shape" and value in NUMBERS else flag[2:]  # may be a file
-                refused([*placed(original, words), f"{flag}={value}"], original, said)
+                refused([*words, f"{flag}={value}"], original, said)
             except AssertionError as error:
                 raise AssertionError(f"{flag}={value}: {error}") from None
-
-
-def placed(stock: Path, words: list[str]) -> list[str]:
-    """Return the words with the stock's files in full."""
-    names = {path.name for path in stock.iterdir()} | {"new", "x.png"}
-    return [*words[:2], *(str(stock / w) if w in names else w for w in words[2:])]
 
 
 #: Words, and what the line says.
@@ -130,8 +126,9 @@ WORDS = {
 
 
 @pytest.mark.parametrize("words", WORDS)
-def test_words(original: Path, words: str) -> None:
-    refused(placed(original, words.split()), original, WORDS[words])
+def test_words(original: Path, words: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(original)
+    refused(words.split(), original, WORDS[words])
 
 
 LOOP = "loop"
@@ -217,8 +214,7 @@ NAMES = {
 def test_strange_names_are_written(stock: Path, kind: str) -> None:
     for words in WRITERS if kind == "no UTF-8" else WRITERS[1:]:
         name = NAMES[kind] + words[1] + (".png" if words[-1] == "--png" else "")
-        outcome = run([*words, name])
-        assert outcome.code == 0, outcome
+        outcome = succeed(*words, name)
         assert Path(name).exists() and "\x1b[31m" not in outcome.out + outcome.err
 
 
@@ -236,8 +232,7 @@ def test_a_sequence_of_strange_names(stock: Path) -> None:
     for name in NAMES.values():
         folder = stock / f"take {name.replace('/', '')}"
         (stock / "walk").rename(folder)
-        outcome = run(["psfs", "info", str(folder), "--no-pictures"])
-        assert outcome.code == 0, outcome
+        succeed("psfs", "info", folder, "--no-pictures")
         folder.rename(stock / "walk")
 
 
@@ -246,7 +241,7 @@ def test_what_is_left_is_reported(
 ) -> None:
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     monkeypatch.setattr("psfs.cli.info.sequence_info", lambda sequence: {}["a fault of ours"])
-    outcome = run(["psfs", "info", str(stock / "walk"), "--no-pictures"])
+    outcome = run("psfs", "info", str(stock / "walk"), "--no-pictures")
     assert outcome.code == 70 and outcome.err.count("\n") == 1
     assert "please report" in outcome.err
     log = next(tmp_path.glob("psfs-*.log"))

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers import faults, footage
-from helpers.camera_texts import humaneva, middlebury, surrey
+from helpers.camera_texts import humaneva, middlebury, nerf, projections, surrey
 from helpers.fuzz import check_reader
 
 from cl import InputError
@@ -46,6 +46,8 @@ FORMATS: dict[str, Callable[[CameraRig], dict[str, str]]] = {
     "middlebury": lambda rig: {"x_par.txt": middlebury(rig)},
     "surrey": lambda rig: {"calibration.txt": surrey(rig)},
     "humaneva": lambda rig: {f"{c.name}.cal": humaneva(c) for c in rig},
+    "nerf": lambda rig: {"transforms.json": nerf(rig)},
+    "projections": lambda rig: {"projections.txt": projections(rig)},
     "tsai": tsai,
     "named_tsai": named_tsai,
 }

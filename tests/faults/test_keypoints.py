@@ -1,6 +1,5 @@
 """Keypoints of every format that are damaged, lie, or belong to something else: one line each."""
 
-import csv
 import json
 import os
 import pickle
@@ -12,10 +11,9 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers import faults, footage
-from helpers.faults import WRONG, refused, run
-from helpers.keypoints import of_poses
+from helpers.commands import run
+from helpers.faults import WRONG, refused
 
-from apf.body.toml import load_body
 from apf.keypoints.readers.orders import COCO_17
 
 FRAMES = 4
@@ -29,27 +27,8 @@ FILES = {"npz": "k.npz", "npy": "k.npy", "json": "json", "csv": "csv", "pkl": "p
 def keypoints(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A walk of three cameras and its keypoints in every format."""
     folder = footage.native(tmp_path_factory.mktemp("keypoints") / "stock" / "walk", frames=FRAMES)
-    stock, rig, body = folder.parent, footage.rig(3), load_body("song31")
-    points = of_poses(rig, body, np.tile(body.rest_pose, (FRAMES, 1)), COCO_17).points
-    np.save(stock / "k.npy", points)
-    np.savez(stock / "k.npz", keypoints=points, keypoint_names=COCO_17, camera_names=rig.names)
-    for camera, view in zip(rig.names, points.astype(float), strict=True):
-        frames = [[{"person_id": [0], "pose_keypoints_2d": p.ravel().tolist()}] for p in view]
-        for frame, people in enumerate(frames):
-            path = stock / "json" / f"{camera}_json" / f"{camera}_{frame:06d}.json"
-            path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_text(json.dumps({"version": 1.3, "people": people}))
-        path = stock / "pkl" / camera / "x_rotated_pp.pkl"
-        path.parent.mkdir(parents=True)
-        path.write_bytes(pickle.dumps(frames))
-        (stock / "csv").mkdir(exist_ok=True)
-        with (stock / "csv" / f"{camera}DLC_net.csv").open("w", newline="") as file:
-            parts = [name for name in COCO_17 for _ in range(3)]
-            rows = [["scorer", *["net"] * 51], ["bodyparts", *parts]]
-            rows += [["coords", *["x", "y", "likelihood"] * 17]]
-            rows += [[f, *row] for f, row in enumerate(view.reshape(FRAMES, -1).tolist())]
-            csv.writer(file).writerows(rows)
-    return stock
+    faults.stock_keypoints(folder.parent, FRAMES)
+    return folder.parent
 
 
 def words(stock: Path, kind: str) -> list[str]:
@@ -70,9 +49,8 @@ def rewritten(path: Path, content: bytes) -> Iterator[None]:
 
 @pytest.mark.parametrize("kind", FILES)
 def test_whole_ones_are_read(keypoints: Path, kind: str) -> None:
-    done = run(
-        [*words(keypoints, kind)[:4], str(keypoints.parent / kind), *words(keypoints, kind)[5:]]
-    )
+    given = words(keypoints, kind)
+    done = run(*given[:4], keypoints.parent / kind, *given[5:])
     assert done.code == 0 and "17 points of 3.0 cameras" in done.out, done
 
 

@@ -18,7 +18,7 @@ import numpy as np
 import pyopencl
 import pytest
 from helpers import faults
-from helpers.faults import run
+from helpers.commands import run, run_python, succeed
 from helpers.shared import ROOT
 
 import apf.tracking.pipeline as pipeline
@@ -66,18 +66,15 @@ def test_a_full_disk(stock: Path) -> None:
         "resource.setrlimit(resource.RLIMIT_FSIZE, (900, 900));"
         "from psfs.cli import main; sys.exit(main(sys.argv[1:]))"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", code, *reconstruct(stock)[1:], "--device", "numpy"],
-        capture_output=True, text=True, check=False,
-        # What is compiled here would be cut to 900 bytes, for all other tests to fail over.
-        env={**os.environ, "PYTHONPATH": str(ROOT), "PYTHONDONTWRITEBYTECODE": "1"},
-    )  # fmt: skip
-    assert done.returncode == 2 and "File too large" in done.stderr, done
-    assert "Traceback" not in done.stderr
+    # What is compiled here would be cut to 900 bytes, for all other tests to fail over.
+    words = [*reconstruct(stock)[1:], "--device", "numpy"]
+    done = run_python("-c", code, *words, PYTHONDONTWRITEBYTECODE="1")
+    assert done.code == 2 and "File too large" in done.err, done
+    assert "Traceback" not in done.err
     readable(stock / "new")
     assert find_unfinished_command(stock / "new") is not None
-    again = run(reconstruct(stock, "--device", "numpy"))
-    assert again.code == 0 and find_unfinished_command(stock / "new") is None
+    succeed(*reconstruct(stock, "--device", "numpy"))
+    assert find_unfinished_command(stock / "new") is None
 
 
 @pytest.mark.parametrize("command", [reconstruct, track])
@@ -116,7 +113,7 @@ def test_a_device_that_is_lost(
             done.append(None)
 
         monkeypatch.setattr(module, "write_cloud", counted_cloud)
-    outcome = run(words)
+    outcome = run(*words)
     last = outcome.err.strip().splitlines()[-1]
     assert outcome.code == 2 and "DEVICE_NOT_AVAILABLE" in last, outcome
     assert "2 of 3 frames are in" in last and "Traceback" not in outcome.err
@@ -145,7 +142,7 @@ def test_a_decoder_that_hangs(stock: Path, monkeypatch: pytest.MonkeyPatch) -> N
 
     monkeypatch.setattr(media.ImagesDecoder, "read", hangs)
     monkeypatch.setattr(AsyncResult, "wait", wait_until_one_hangs)
-    outcome = run(reconstruct(stock, "--frames", "1:", "--device", "numpy"))
+    outcome = run(*reconstruct(stock, "--frames", "1:", "--device", "numpy"))
     released.set()
     last = outcome.err.strip().splitlines()[-1]
     assert outcome.code == 2 and "frame 2 was not decoded" in last and "seq/masks" in last
@@ -154,7 +151,7 @@ def test_a_decoder_that_hangs(stock: Path, monkeypatch: pytest.MonkeyPatch) -> N
 def test_parts_of_a_track_that_was_killed(stock: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Each second's frames are there; the parts go when the whole is written."""
     monkeypatch.setattr(pipeline, "PART_SECONDS", 0.0)
-    assert run(track(stock, "--seed", "3")).code == 0
+    assert run(*track(stock, "--seed", "3")).code == 0
     whole = Track.open(stock / "new")
     assert not list((stock / "new").glob(PARTS)) and len(whole) == 3
     import apf.takes.track as module
@@ -163,7 +160,7 @@ def test_parts_of_a_track_that_was_killed(stock: Path, monkeypatch: pytest.Monke
         raise SystemError("killed")
 
     monkeypatch.setattr(module, "write_tracks", killed)
-    outcome = run(track(stock, "--seed", "3"))
+    outcome = run(*track(stock, "--seed", "3"))
     assert outcome.code == 70
     found = Track.open(stock / "new")
     np.testing.assert_array_equal(found.poses, whole.poses)
@@ -187,13 +184,13 @@ def test_signals(stock: Path, name: str, monkeypatch: pytest.MonkeyPatch) -> Non
         write(cloud, stem, normals)
 
     monkeypatch.setattr(module, "write_cloud", signalled)
-    outcome = run(reconstruct(stock, "--device", "numpy"))
+    outcome = run(*reconstruct(stock, "--device", "numpy"))
     assert outcome.code == 130 and outcome.err.strip().splitlines()[-1] == "psfs: interrupted"
     summary = json.loads((stock / "new/summary.json").read_text())
     assert not summary["complete"] and len(summary["frames"]) == 2
     readable(stock / "new")
     assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
-    warned = run(["psfs", "view", str(stock / "new"), "--png", str(stock / "x.png")])
+    warned = run("psfs", "view", str(stock / "new"), "--png", str(stock / "x.png"))
     assert warned.code == 0 and "did not finish" in warned.err
 
 
@@ -226,13 +223,13 @@ def test_an_interrupt_on_the_way_back(stock: Path, monkeypatch: pytest.MonkeyPat
         raise KeyboardInterrupt
 
     monkeypatch.setattr("apf.tracking.two_way._fuse_window", interrupted)
-    outcome = run(track(stock))
+    outcome = run(*track(stock))
     assert outcome.code == 130 and "3 of 3 frames are in" in outcome.err, outcome
     readable(stock / "new")
     assert find_unfinished_command(stock / "new") is not None
     assert Track.open(stock / "new").interrupted
     monkeypatch.undo()
-    assert run(track(stock)).code == 0 and find_unfinished_command(stock / "new") is None
+    assert run(*track(stock)).code == 0 and find_unfinished_command(stock / "new") is None
     assert not Track.open(stock / "new").interrupted
 
 

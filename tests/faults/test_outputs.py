@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from cl import InputError
-from psfs.common.files import write_atomically
+from psfs.common.files import write_atomically, write_text
 from psfs.common.outputs import (
     MANIFEST,
     Manifest,
@@ -18,15 +18,10 @@ from psfs.common.outputs import (
 )
 
 
-def write(path: Path, text: str = "ours") -> None:
-    with write_atomically(path) as temporary:
-        temporary.write_text(text)
-
-
 def run(out: Path, *names: str) -> None:
     with output_folder(out, "a run"):
         for name in names:
-            write(out / name)
+            write_text(out / name, "ours")
 
 
 def files(out: Path) -> set[str]:
@@ -36,7 +31,7 @@ def files(out: Path) -> set[str]:
 def test_a_run_replaces_its_own_files_only(tmp_path: Path) -> None:
     run(tmp_path, "a.txt", "clouds/frame_000001.ply", "clouds/frame_000002.ply")
     with output_folder(tmp_path, "a check", addition=True):
-        write(tmp_path / "check.json")
+        write_text(tmp_path / "check.json", "ours")
     (tmp_path / "clouds/frame_scan.ply").write_text("mine")
     (tmp_path / "notes.txt").write_text("mine")
     run(tmp_path, "b.txt")
@@ -70,12 +65,12 @@ def test_a_file_of_the_user_in_the_way(tmp_path: Path, manifest: bool) -> None:
 
 def test_incomplete_first_and_whole_last(tmp_path: Path) -> None:
     with pytest.raises(KeyboardInterrupt), output_folder(tmp_path, "a run"):
-        write(tmp_path / "a.txt")
+        write_text(tmp_path / "a.txt", "ours")
         assert find_unfinished_command(tmp_path) == "a run"
         raise KeyboardInterrupt
     assert find_unfinished_command(tmp_path) == "a run" and (tmp_path / "a.txt").exists()
     with output_folder(tmp_path, "a check", addition=True):
-        write(tmp_path / "check.json")
+        write_text(tmp_path / "check.json", "ours")
     assert find_unfinished_command(tmp_path) == "a run"
     run(tmp_path, "a.txt")
     assert find_unfinished_command(tmp_path) is None and files(tmp_path) == {MANIFEST, "a.txt"}
@@ -85,7 +80,7 @@ def test_additions_replace_those_of_the_same_command(tmp_path: Path) -> None:
     run(tmp_path, "a.txt")
     for name in ("x.csv", "x.json"):
         with output_folder(tmp_path, "evaluate", addition=True, replaces=True):
-            write(tmp_path / name)
+            write_text(tmp_path / name, "ours")
     assert files(tmp_path) == {MANIFEST, "a.txt", "x.json"}
 
 
@@ -95,7 +90,7 @@ def test_additions_to_a_part_of_a_run(tmp_path: Path) -> None:
     for folder, names in (("", ["person1/x", "person2/x"]), ("person1", ["x"]), ("person2", ["y"])):
         with output_folder(tmp_path / folder, "evaluate", addition=True, replaces=True):
             for name in names:
-                write(tmp_path / folder / name)
+                write_text(tmp_path / folder / name, "ours")
     own = {"person1/a.txt", "person2/a.txt", "person1/x", "person2/y"}
     assert files(tmp_path) == {MANIFEST, *own}
     run(tmp_path, "b.txt")
@@ -124,7 +119,7 @@ def test_results_among_footage(tmp_path: Path, by: str) -> None:
         video.write_text("film")
     else:
         with output_folder(tmp_path, by):
-            write(video)
+            write_text(video, "ours")
     with (
         pytest.raises(InputError, match=r"cam01\.mp4, which may be read"),
         output_folder(video.parent, "apf evaluate", addition=True),
@@ -132,7 +127,7 @@ def test_results_among_footage(tmp_path: Path, by: str) -> None:
         pass
     run(tmp_path / "new", "picture.png")
     with output_folder(tmp_path / "new", "apf evaluate", addition=True):
-        write(tmp_path / "new" / "evaluation.png")
+        write_text(tmp_path / "new" / "evaluation.png", "ours")
 
 
 def test_leftovers_of_killed_processes_are_cleared(tmp_path: Path) -> None:
@@ -172,7 +167,7 @@ def test_a_copy_of_a_file_that_is_gone(tmp_path: Path) -> None:
     with pytest.raises(
         InputError, match=r"a/b\.txt: cannot be written: .*a is a file; expected a f"
     ):
-        write(tmp_path / "a/b.txt")
+        write_text(tmp_path / "a/b.txt", "ours")
 
 
 def test_a_manifest_that_is_none_or_was_cut(tmp_path: Path) -> None:

@@ -3,7 +3,8 @@
 from pathlib import Path
 
 import pytest
-from helpers.faults import refused, run, state
+from helpers.commands import fail, succeed
+from helpers.faults import refused, state
 
 VIEW = ["psfs", "view", "out", "--frame", "1"]
 
@@ -33,10 +34,10 @@ def test_silhouettes_as_the_true_masks(stock: Path) -> None:
 
 def test_a_picture_that_was_written_before(stock: Path) -> None:
     for _ in range(2):
-        assert run([*VIEW, "--png", "x.png"]).code == 0
+        succeed(*VIEW, "--png", "x.png")
     (stock / "x.png").write_bytes(b"changed since")
     refused([*VIEW, "--png", "x.png"], stock, "x.png: exists", "--overwrite")
-    assert run([*VIEW, "--png", "x.png", "--overwrite"]).code == 0
+    succeed(*VIEW, "--png", "x.png", "--overwrite")
     assert (stock / "x.png").read_bytes() != b"changed since"
 
 
@@ -55,6 +56,6 @@ def test_a_link_out_of_an_output(stock: Path) -> None:
     (stock / "elsewhere").mkdir()
     (stock / "new").mkdir()
     (stock / "new/videos").symlink_to(stock / "elsewhere")
-    outcome = run(["psfs", "convert", "walk", "-o", "new"])
-    assert outcome.code == 2 and "a symbolic link leads out of new" in outcome.err
+    said = fail("psfs", "convert", "walk", "-o", "new")
+    assert "a symbolic link leads out of new" in said
     assert not state(stock / "elsewhere")

@@ -11,7 +11,8 @@ import cv2
 import numpy as np
 import pytest
 from helpers import tracks
-from helpers.faults import changed_npz, refused, run
+from helpers.commands import succeed
+from helpers.faults import changed_npz, refused
 
 BOX = ["--voxel-size", "0.08", "--volume=-0.6,0.6,-0.6,0.6,0,1.9", "--all-cameras"]
 INFO = ["psfs", "info", "walk", "--no-pictures"]
@@ -28,8 +29,7 @@ def larger(original: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = Path(shutil.copytree(original, tmp_path_factory.mktemp("places") / "stock"))
     words = [str(folder / w) if w in ("seq", "pose.txt") else w for w in TRACK]
     words[4] = str(folder / "full")
-    done = run([*words, "--layers", "2", "--no-overlay", "--no-report"])
-    assert done.code == 0, done
+    succeed(*words, "--layers", "2", "--no-overlay", "--no-report")
     return folder
 
 
@@ -247,10 +247,10 @@ def test_hidden_files_are_no_pictures(stock: Path) -> None:
         (stock / "seq/masks/c3" / name).write_bytes(b"no picture")
     (stock / "walk/videos/._cam01.mp4").write_bytes(b"no video")
     for take in ("seq", "walk"):
-        assert run(["psfs", "info", take, "--no-pictures"]).code == 0
+        succeed("psfs", "info", take, "--no-pictures")
 
 
 def test_values_as_other_programs_write_them(stock: Path) -> None:
     names = ["--cameras", "cam01, cam02"]
-    outcome = run([*INFO, *names, "--fps", "30000/1001"])
-    assert outcome.code == 0 and "29.97 per second" in outcome.out and "cam03" not in outcome.out
+    said = succeed(*INFO, *names, "--fps", "30000/1001").out
+    assert "29.97 per second" in said and "cam03" not in said

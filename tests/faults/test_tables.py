@@ -150,23 +150,22 @@ def test_a_body_that_cannot_be(stock: Path, fault: str) -> None:
     refused(body_words(stock), stock, said)
 
 
-#: Places in a summary, and what of `WRONG` is right there.
-SUMMARY: dict[tuple, tuple[str, ...]] = {
-    (): ("a table",),
-    ("sequence",): (),
-    ("sequence", "absolute"): (),
-    ("sequence", "overrides"): (),
-    ("sequence", "cameras"): (),
-    ("grid",): (),
-    ("grid", "origin_m"): (),
-    ("grid", "voxel_size_m"): (),
-    ("grid", "shape"): (),
-    ("config",): (),
-    ("frames",): (),
-    ("frames", 0): (),
-    ("frames", 0, "index"): (),
-    ("frames", 0, "surface_voxels"): (),
-}
+SUMMARY: list[tuple[str | int, ...]] = [
+    (),
+    ("sequence",),
+    ("sequence", "absolute"),
+    ("sequence", "overrides"),
+    ("sequence", "cameras"),
+    ("grid",),
+    ("grid", "origin_m"),
+    ("grid", "voxel_size_m"),
+    ("grid", "shape"),
+    ("config",),
+    ("frames",),
+    ("frames", 0),
+    ("frames", 0, "index"),
+    ("frames", 0, "surface_voxels"),
+]
 
 
 @pytest.mark.parametrize("at", SUMMARY, ids=str)
@@ -174,7 +173,7 @@ def test_a_summary_with_a_wrong_value(stock: Path, at: tuple) -> None:
     path = stock / "out/summary.json"
     good = json.loads(path.read_text())
     for kind, value in WRONG.items():
-        if kind in SUMMARY[at] or kind == "a date":
+        if kind == "a date" or (kind == "a table" and not at):
             continue
         path.write_text(json.dumps(faults.replaced(good, at, value)))
         refused(["psfs", "mesh", str(stock / "out")], stock, str(stock / "out"))

@@ -100,6 +100,15 @@ def random_poses(body: BodyModel, n: int, seed: int = 0, wild: bool = False) -> 
     return np.clip(poses, body.lower, body.upper)
 
 
+def bent(body: BodyModel, pose: np.ndarray | None = None, **changes: npt.ArrayLike) -> np.ndarray:
+    """Return poses (..., D), by default the one of rest, with other values of these degrees of
+    freedom (. as __): by how much they differ."""
+    poses = np.array(body.rest_pose if pose is None else pose)
+    for name, change in changes.items():
+        poses[..., body.dof_names.index(name.replace("__", "."))] += change
+    return poses
+
+
 def surface_points(body: BodyModel, pose: np.ndarray, n: int) -> np.ndarray:
     """Return points (n, 3) on the sides of the cones of `pose`, equally many on each."""
     random = np.random.default_rng(5)
@@ -114,11 +123,7 @@ def surface_points(body: BodyModel, pose: np.ndarray, n: int) -> np.ndarray:
 
 def crossing() -> np.ndarray:
     """Return a pose of song31 whose left forearm lies across the belly."""
-    body = named("song31")
-    pose = body.rest_pose.copy()
-    for axis, value in (("upper_arm.ry", 0.4), ("upper_arm.rz", -1.2), ("forearm.ry", 1.5)):
-        pose[body.dof_names.index(f"l_{axis}")] = value
-    return pose
+    return bent(named("song31"), l_upper_arm__ry=0.4, l_upper_arm__rz=-1.2, l_forearm__ry=1.3)
 
 
 def cone(

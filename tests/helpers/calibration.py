@@ -6,6 +6,8 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from scipy.spatial.distance import pdist
+from scipy.spatial.transform import Rotation
 
 from helpers import scenes
 from psfs.calibration.targets.target import Sighting, Target
@@ -155,12 +157,9 @@ def differences(found: list[Camera], true: list[Camera]) -> tuple[np.ndarray, fl
     relative scale error."""
     A, B = (np.stack([camera.centre for camera in rig]) for rig in (found, true))
     a, b = A - A.mean(0), B - B.mean(0)
-    U, _, Vt = np.linalg.svd(a.T @ b)
-    R = Vt.T @ np.diag([1, 1, np.linalg.det(Vt.T @ U.T)]) @ U.T
-    away = 1000 * np.linalg.norm(a @ R.T - b, axis=1)
-    pairs = np.triu_indices(len(A), 1)
-    lengths = [np.linalg.norm(X[:, None] - X, axis=-1)[pairs].sum() for X in (A, B)]
-    return away, float(lengths[0] / lengths[1] - 1)
+    turn, _ = Rotation.align_vectors(b, a)
+    away = 1000 * np.linalg.norm(turn.apply(a) - b, axis=1)
+    return away, float(pdist(A).sum() / pdist(B).sum() - 1)
 
 
 def sighted(

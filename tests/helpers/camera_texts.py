@@ -1,5 +1,8 @@
 """Cameras as other programs write them, for readers and for damage."""
 
+import json
+import math
+
 import numpy as np
 
 from helpers.footage import words
@@ -24,3 +27,26 @@ def humaneva(camera: Camera) -> str:
     K = camera.K
     lens = [K[0, 0], K[1, 1], K[0, 2], K[1, 2], K[0, 1] / K[0, 0], *camera.distortion]
     return words(np.array([*lens, *camera.R.ravel(), *(1000 * camera.t), 0.1, 0.2, 0.3]))
+
+
+def projection(camera: Camera) -> np.ndarray:
+    return camera.K @ np.column_stack([camera.R, camera.t])
+
+
+def projections(rig: CameraRig) -> str:
+    return "\n".join(f"{c.name} {words(projection(c))}" for c in rig)
+
+
+def nerf(rig: CameraRig, angle: bool = True) -> str:
+    """The lens by its angle of view, or in pixels, whose first one's corner is 0."""
+    frames = []
+    for camera in rig:
+        pose = np.eye(4)
+        pose[:3, :3] = camera.R.T @ np.diag([1.0, -1, -1])
+        pose[:3, 3] = camera.centre
+        frames.append({"file_path": f"./{camera.name}", "transform_matrix": pose.tolist()})
+    K, (width, height) = rig[0].K, rig[0].size
+    lens = {"camera_angle_x": 2 * math.atan(width / 2 / K[0, 0])}
+    if not angle:
+        lens = {"fl_x": K[0, 0], "cx": K[0, 2] + 0.5, "cy": K[1, 2] + 0.5, "w": width, "h": height}
+    return json.dumps({**lens, "frames": frames})

@@ -1,24 +1,24 @@
 """Run commands with invalid input and check their errors; small data to corrupt."""
 
-import contextlib
 import io
 import os
+import pickle
 import stat
 from collections.abc import Iterator
-from dataclasses import dataclass
 from datetime import date
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-import apf.cli
-import psfs.cli
-from apf.body.toml import save_body
+from apf.body.toml import load_body, save_body
 from apf.formats.pose import write_pose
 from apf.formats.trc import write_trc
+from apf.keypoints.readers.orders import COCO_17
 from apf.tracking.settings import DEFAULT_BODY
 from helpers import footage, scenes, tracks
+from helpers.commands import run, succeed
+from helpers.keypoints import list_person, of_poses, write_deeplabcut, write_openpose
 
 #: What may stand in a file of tables for something else.
 WRONG: dict[str, Any] = {
@@ -39,24 +39,6 @@ WRONG: dict[str, Any] = {
 }
 
 
-@dataclass(frozen=True)
-class Outcome:
-    """The result of a command; tree: all files with their contents afterwards."""
-
-    code: int
-    out: str
-    err: str
-
-
-def run(words: list[str]) -> Outcome:
-    """Run `psfs ...` or `apf ...` in this process."""
-    main = {"psfs": psfs.cli.main, "apf": apf.cli.main}[words[0]]
-    out, err = io.StringIO(), io.StringIO()
-    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
-        code = main(words[1:])
-    return Outcome(code, out.getvalue(), err.getvalue())
-
-
 def state(folder: Path) -> dict[str, tuple[int, int, int]]:
     """Return what changes if a file below a folder is written or replaced, by its path: reading all
     of them took a tenth of these tests' time."""
@@ -73,7 +55,7 @@ def refused(words: list[str], folder: Path, *said: str) -> None:
     """Assert that the command ends with exit code 2 and one clear line, in which `said` occur, and
     leaves the files in `folder` as they were."""
     before = state(folder)
-    outcome = run(words)
+    outcome = run(*words)
     line = outcome.err.strip()
     assert outcome.code == 2, (outcome.code, line)
     assert ": error: " in line, line
@@ -92,11 +74,8 @@ def assert_one_line(message: str, *said: str) -> None:
 def masks_folder(folder: Path, frames: int = 3) -> Path:
     """Write a sequence of a standing body as masks of five cameras; the first frame is empty."""
     rig = scenes.ring(5, size=(160, 120))
-    footage.write_toml(folder / "calibration.toml", footage.tables(rig))
-    for camera, mask in zip(rig, scenes.masks_of(rig), strict=True):
-        cropped = mask[: camera.size[1], : camera.size[0]]
-        footage.write_masks(folder, camera.name, (cropped * np.uint8(k > 0) for k in range(frames)))
-    return folder
+    masks = [[mask * np.uint8(k > 0) for k in range(frames)] for mask in scenes.masks_of(rig)]
+    return footage.write_take(folder, rig, masks)
 
 
 def stock(folder: Path) -> Path:
@@ -104,11 +83,9 @@ def stock(folder: Path) -> Path:
     truth files."""
     footage.native(folder / "walk", frames=20)
     masks_folder(folder / "seq")
-    done = run(["psfs", "reconstruct", str(folder / "seq"), "-o", str(folder / "out"),
-                "--voxel-size", "0.08", "--volume", "-0.6,0.6,-0.6,0.6,0,1.9"])  # fmt: skip
-    assert done.code == 0, done
+    succeed("psfs", "reconstruct", folder / "seq", "-o", folder / "out",
+            "--voxel-size", "0.08", "--volume", "-0.6,0.6,-0.6,0.6,0,1.9")  # fmt: skip
     track = tracks.walker(6, body_name=DEFAULT_BODY)
-    (folder / "track").mkdir()
     track.save(folder / "track/track.npz")
     assert track.body is not None
     save_body(folder / "track/body.toml", track.body)
@@ -118,6 +95,30 @@ def stock(folder: Path) -> Path:
     np.savez(folder / "truth.npz", joint_names=np.array(truth.joint_names), joints=truth.joints,
              fps=truth.fps, frames=truth.frames)  # fmt: skip
     return folder
+
+
+def stock_keypoints(stock: Path, frames: int = 4) -> None:
+    """Write the keypoints of somebody before three cameras in every format."""
+    rig, body = footage.rig(3), load_body("song31")
+    found = of_poses(rig, body, np.tile(body.rest_pose, (frames, 1)), COCO_17)
+    np.save(stock / "k.npy", found.points)
+    np.savez(
+        stock / "k.npz", keypoints=found.points, keypoint_names=COCO_17, camera_names=rig.names
+    )
+    write_openpose(stock / "json", found)
+    write_deeplabcut(stock / "csv", found)
+    for camera, view in zip(rig.names, found.points, strict=True):
+        path = stock / "pkl" / camera / "x_rotated_pp.pkl"
+        path.parent.mkdir(parents=True)
+        path.write_bytes(pickle.dumps([[list_person(points)] for points in view]))
+
+
+def npy(shape: tuple[int, ...], dtype: str = "<f8", data: bytes = b"") -> bytes:
+    """Return an npy that claims a shape."""
+    file = io.BytesIO()
+    about = {"descr": dtype, "fortran_order": False, "shape": shape}
+    np.lib.format.write_array_header_1_0(file, about)
+    return file.getvalue() + data
 
 
 def changed_npz(path: Path, **changes: Any) -> None:

@@ -2,8 +2,10 @@
 
 from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
 import cv2
+import ezc3d
 import numpy as np
 import numpy.typing as npt
 import tomli_w
@@ -77,16 +79,30 @@ def write_video(
     writer.release()
 
 
-def write_image(path: Path, level: int, size: tuple[int, int] = SIZE) -> None:
+def write_picture(path: Path, picture: np.ndarray) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
-    assert cv2.imwrite(str(path), np.full((size[1], size[0]), level, np.uint8))
+    assert cv2.imwrite(str(path), picture)
 
 
-def write_masks(folder: Path, name: str, masks: Iterable[np.ndarray]) -> None:
-    """Write the masks (h, w) uint8 of one camera."""
-    (folder / "masks" / name).mkdir(parents=True)
-    for frame, mask in enumerate(masks):
-        assert cv2.imwrite(str(folder / "masks" / name / f"{frame:04d}.png"), mask)
+def write_image(path: Path, level: int, size: tuple[int, int] = SIZE) -> None:
+    write_picture(path, np.full((size[1], size[0]), level, np.uint8))
+
+
+def write_take(
+    folder: Path,
+    cameras: CameraRig,
+    views: Iterable[Iterable[np.ndarray]],
+    kind: str = "masks",
+) -> Path:
+    """Write a calibration and each camera's masks or images (h, w, ...) uint8, which may be padded
+    to the size of the largest ones."""
+    write_toml(folder / "calibration.toml", tables(cameras))
+    for camera, pictures in zip(cameras, views, strict=True):
+        width, height = camera.size
+        for frame, picture in enumerate(pictures):
+            path = folder / kind / camera.name / f"{frame:04d}.png"
+            write_picture(path, picture[:height, :width])
+    return folder
 
 
 def native(folder: Path, views: int = 3, frames: int = 12) -> Path:
@@ -98,3 +114,22 @@ def native(folder: Path, views: int = 3, frames: int = 12) -> Path:
         write_video(folder / "videos" / f"{camera.name}.mp4", levels)
         write_video(folder / "background" / f"{camera.name}.mp4", [100 + view] * 6)
     return folder
+
+
+def write_c3d(
+    path: Path, points: np.ndarray, labels: tuple[str, ...], rate: float, **said: Any
+) -> None:
+    """Write points (F, P, 3) in the file's unit and axes, NaN where missing, by ezc3d."""
+    file: Any = ezc3d.c3d()
+    file["header"]["points"]["first_frame"] = said.get("first", 0)
+    point = file["parameters"]["POINT"]
+    point["RATE"]["value"], point["UNITS"]["value"] = [rate], [said.get("unit", "mm")]
+    point["LABELS"]["value"] = list(labels)
+    if "up" in said:
+        file.add_parameter("POINT", "Y_SCREEN", said["up"])
+    data = np.ones((4, len(labels), len(points)))
+    data[:3] = points.transpose(2, 1, 0)
+    file["data"]["points"] = data
+    missing = np.isnan(data[:3]).any(0)
+    file["data"]["meta_points"]["residuals"] = np.where(missing, -1.0, 0.0)[None]
+    file.write(str(path))

@@ -1,6 +1,5 @@
 """A voxel likelihood on the device with poses and maps of the test's own choice."""
 
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -12,16 +11,18 @@ from apf.filters.config import FilterConfig
 from apf.likelihood.voxel import GRASP_WEIGHT, VoxelLikelihood, choose_cone_sampling
 from apf.reference.likelihood.voxel import (
     FrameEvidence,
+    NumpyVoxelLikelihood,
     grasp_errors,
     posture_errors,
     subset,
     total_errors,
 )
 from apf.scene import Scene
-from cl import Array, Device
+from cl import Device, NumpyDevice
 from helpers import bodies, scenes
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.reconstructor import Reconstructor
+from psfs.reference.reconstructor import NumpyReconstructor
 from psfs.voxels.grid import VoxelGrid
 
 CONFIG = FilterConfig.create(n_particles=37, n_points=100)
@@ -46,15 +47,8 @@ def smooth_maps(rig: CameraRig, seed: int = 0) -> np.ndarray:
     return np.rint(255 * noise).astype(np.uint8)
 
 
-def cloud(grid: VoxelGrid, surface: Array, count: Array) -> Any:
-    """As much of `Voxels` as a likelihood needs."""
-    return SimpleNamespace(
-        grid=grid, evidence=None, surface=surface, count=count, pictures=lambda: None
-    )
-
-
 class Setup:
-    """A `VoxelLikelihood` with `poses` and `maps` on the device."""
+    """A `VoxelLikelihood` with `poses` and `smooth_maps` on the device."""
 
     def __init__(
         self,
@@ -62,11 +56,10 @@ class Setup:
         body: BodyModel,
         rig: CameraRig,
         poses: np.ndarray,
-        maps: np.ndarray,
         config: FilterConfig,
         grid: VoxelGrid | None = None,
     ) -> None:
-        self.body, self.rig, self.maps = body, rig, maps
+        self.body, self.rig, self.maps = body, rig, smooth_maps(rig)
         self.poses = poses.astype(np.float32)
         self.config = config.likelihood
         scene = Scene(device, rig, grid or scenes.small_grid(0.1), body)
@@ -99,6 +92,21 @@ def only(name: str, **settings: Any) -> FilterConfig:
     weights: Any = {f"{term}_weight": float(term == name) for term in terms}
     weights["posture_prior_weight"] = weights.pop("posture_weight")
     return CONFIG.with_changes(**weights, **settings)
+
+
+def observe_pictures(
+    device: Device, rig: CameraRig, images: np.ndarray
+) -> tuple[VoxelLikelihood, NumpyVoxelLikelihood, Any]:
+    """Return a likelihood and its twin that have observed these pictures (V, H, W, 3) uint8 in the
+    test body's silhouettes, and the voxels of the first."""
+    grid, body, config = scenes.small_grid(0.08), bodies.named("song31"), CONFIG.likelihood
+    picture: Any = scenes.frame(images=images, masks=scenes.masks_of(rig))
+    ours = VoxelLikelihood(Scene(device, rig, grid, body), config, 37)
+    voxels = Reconstructor(device, rig, grid, None)(picture)
+    ours.observe(voxels)
+    twin = NumpyVoxelLikelihood(Scene(NumpyDevice(), rig, grid, body), config)
+    twin.observe(NumpyReconstructor(NumpyDevice(), rig, grid, None)(picture))
+    return ours, twin, voxels
 
 
 def assert_cost_nothing(device: Device, **weights: float) -> None:

@@ -2,11 +2,14 @@
 
 from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
+from typing import Any
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
+from cl import Device
 from psfs.background.gaussian import Background
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.sequence import Frame
@@ -22,10 +25,10 @@ def frame(
     return Frame(index, images, masks)
 
 
-def rotation_towards(direction: np.ndarray) -> np.ndarray:
+def rotation_towards(direction: np.ndarray, up: npt.ArrayLike = (0, 0, 1.0)) -> np.ndarray:
     """Return the rotation (3, 3) of an upright camera that looks along a direction (3,)."""
     z = direction / np.linalg.norm(direction)
-    x = np.cross(z, [0, 0, 1.0])
+    x = np.cross(z, up)
     x /= np.linalg.norm(x)
     return np.stack([x, np.cross(z, x), z])
 
@@ -42,11 +45,8 @@ def pinhole(
 def looking_at(
     name: str, centre: np.ndarray, target: np.ndarray, size: tuple[int, int], focal: float
 ) -> Camera:
-    z = np.asarray(target, float) - centre
-    z /= np.linalg.norm(z)
-    x = np.cross(z, [0.1, 0.0, 1.0])
-    x /= np.linalg.norm(x)
-    R = np.stack([x, np.cross(z, x), z])
+    """Return a camera that leans and distorts."""
+    R = rotation_towards(np.subtract(target, centre), up=(0.1, 0.0, 1.0))
     K = np.array([[focal, 0, size[0] / 2], [0, focal * 1.02, size[1] / 2], [0, 0, 1.0]])
     distortion = np.array([-0.12, 0.04, 0.001, -0.002, 0.01])
     return Camera(name, K, distortion, R, -R @ np.asarray(centre, float), size)
@@ -74,8 +74,28 @@ def draw_hull(camera: Camera, points: np.ndarray, level: int = 255) -> np.ndarra
     return cv2.fillConvexPoly(mask, hull, level)
 
 
+def draw_points(camera: Camera, points: np.ndarray, width: int = 1) -> np.ndarray:
+    """Return the mask (h, w) uint8 of points (N, 3), each a square so many pixels wide."""
+    mask = np.zeros(camera.size[::-1], np.uint8)
+    _, row, column, _ = camera.look_up(points)
+    mask[row, column] = 255
+    return np.asarray(cv2.dilate(mask, np.ones((width, width), np.uint8)))
+
+
 def without_distortion(rig: CameraRig) -> CameraRig:
     return CameraRig(tuple(replace(camera, distortion=np.zeros(5)) for camera in rig))
+
+
+def turned(camera: Camera, turn: npt.ArrayLike) -> Camera:
+    """Return a camera turned about its centre by a rotation vector (3,)."""
+    R = cv2.Rodrigues(np.asarray(turn, float))[0] @ camera.R
+    return replace(camera, R=R, t=-R @ camera.centre)
+
+
+def pixels_apart(a: CameraRig, b: CameraRig, points: np.ndarray) -> float:
+    """Return how far apart cameras see points (N, 3), px."""
+    pairs = zip(a, b, strict=True)
+    return float(np.mean([np.abs(c.project(points)[0] - d.project(points)[0]) for c, d in pairs]))
 
 
 def small_grid(voxel_size: float = 0.06) -> VoxelGrid:
@@ -99,11 +119,9 @@ def solid_points() -> np.ndarray:
 
 def masks_of(rig: CameraRig) -> np.ndarray:
     """Render silhouettes (V, H, W) uint8 of the test body from a dense cloud of points."""
-    points = solid_points()
     masks = np.zeros((len(rig), rig.height, rig.width), np.uint8)
-    for view, camera in enumerate(rig):
-        _, row, column, _ = camera.look_up(points)
-        masks[view, row, column] = 255
+    for mask, camera in zip(masks, rig, strict=True):
+        mask[: camera.size[1], : camera.size[0]] = draw_points(camera, solid_points())
     return masks
 
 
@@ -117,6 +135,18 @@ def pictures_of(rig: CameraRig, seed: int = 0) -> tuple[Frame, Background]:
     images = np.where(masks[..., None] > 0, 128.0, mean + random.normal(0, 2, shape))
     pictures = np.clip(images, 0, 255).astype(np.uint8)
     return frame(images=pictures, masks=masks), Background(mean, std)
+
+
+def voxels_at(device: Device, grid: VoxelGrid, indices: np.ndarray) -> Any:
+    """As much of `Voxels` as those need who look at the surface; what is beyond the count is
+    stale."""
+    listed = np.full(grid.size, grid.size - 1, np.int32)
+    listed[: len(indices)] = indices
+    count = np.array([len(indices)], np.int32)
+    return SimpleNamespace(
+        grid=grid, surface=device.to_device(listed), count=device.to_device(count), evidence=None,
+        pictures=lambda: None,
+    )  # fmt: skip
 
 
 #: With it no brick of voxels is left out, so that all can be compared with the twin.

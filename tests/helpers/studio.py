@@ -16,7 +16,6 @@ GRID = VoxelGrid(np.array([-1.0, -1.0, 0.0]), 0.02, (100, 100, 100))
 
 def save_track(folder: Path, n_frames: int = 30) -> Path:
     """Write a track whose footage is not known into a new folder."""
-    folder.mkdir(parents=True)
     tracks.walker(n_frames).save(folder / "track.npz")
     return folder
 

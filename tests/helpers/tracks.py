@@ -3,12 +3,14 @@
 from dataclasses import replace
 
 import numpy as np
+import numpy.typing as npt
 
 from apf.body.toml import load_body
 from apf.evaluation.joint_names import EVALUATED_JOINTS
 from apf.formats.trc import JointSeries
 from apf.tracking.people import PeopleTracks
 from apf.tracking.track import Track
+from helpers import bodies
 from helpers.striders import track_of_poses
 
 
@@ -33,11 +35,16 @@ def walker(frames: int = 30, start: int = 0, fps: float = 60.0, body_name: str =
     )
 
 
+def lose(track: Track, rows: npt.ArrayLike) -> Track:
+    """Return a track whose person is lost in these rows."""
+    lost = np.isin(np.arange(len(track)), rows)
+    return replace(track, diagnostics={**track.diagnostics, "lost": lost})
+
+
 def pair() -> PeopleTracks:
     """Return two walkers, of whom the second is visible in frames 2 to 4."""
     first, frames = walker(6), np.arange(6)
-    poses = first.poses.copy()
-    poses[:, first.dof_names.index("pelvis.tx")] += 0.8
+    poses = bodies.bent(first.its_body, first.poses, pelvis__tx=0.8)
     second = replace(first, poses=poses, joints=first.joints + np.array([0.8, 0, 0]))
     return PeopleTracks((first, second), frames, (frames, frames[2:5]), 1, ("good", "bad"))
 

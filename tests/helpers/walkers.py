@@ -6,6 +6,7 @@ from apf.body.kinematics import posed_cones
 from apf.body.toml import load_body
 from apf.initialisation.kept_voxels import StoredVoxels
 from cl import Device
+from helpers import bodies
 from psfs.common.cones import cone_distances
 from psfs.voxels.grid import VoxelCloud, VoxelGrid
 
@@ -16,15 +17,8 @@ GRID = VoxelGrid.covering(np.array([-0.8, -0.7, -0.1]), np.array([1.9, 0.7, 1.9]
 def walker(frame: int, jump: float = 0.0) -> np.ndarray:
     """Return a pose (31,) of a person walking along x with one arm out, so that the front is
     recognisable."""
-    pose = SONG.rest_pose.copy()
-    for name, value in (
-        ("pelvis.tx", 0.012 * frame + jump),
-        ("l_upper_arm.rx", 0.9),
-        ("r_thigh.ry", 0.3),
-        ("l_calf.ry", 0.5),
-    ):
-        pose[SONG.dof_names.index(name)] += value
-    return pose
+    place = 0.012 * frame + jump
+    return bodies.bent(SONG, pelvis__tx=place, l_upper_arm__rx=0.9, r_thigh__ry=0.3, l_calf__ry=0.5)
 
 
 def surface_voxels(device: Device, pose: np.ndarray | None) -> StoredVoxels:

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from helpers import footage
 from helpers.camera_texts import humaneva
+from helpers.commands import succeed
 
 from cl import InputError
-from psfs.cli import main
 from psfs.sequence import Sequence
 
 NAMES = ("BW1", "C1", "C2")
@@ -32,7 +32,7 @@ def subject(root: Path, takes: tuple[str, ...] = ("Box_1", "Walking_1")) -> Path
     return folder
 
 
-def test_it_opens_and_begins_together(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_it_opens_and_begins_together(tmp_path: Path) -> None:
     folder = subject(tmp_path)
     sequence = Sequence.open(folder, take="Box_1")
     assert (sequence.layout, sequence.rig.names) == ("HumanEva", list(NAMES))
@@ -44,10 +44,9 @@ def test_it_opens_and_begins_together(tmp_path: Path, capsys: pytest.CaptureFixt
     note = "frame 0 is frame 99.00 of Box_1.c3d, counted from 0, 2 per frame"
     assert any(note in text for text in sequence.notes)
 
-    assert main(["info", str(folder), "--take", "Walking_1"]) == 0
-    out = capsys.readouterr().out
+    out = succeed("psfs", "info", folder, "--take", "Walking_1").out
     assert "HumanEva" in out and "BW1" in out and "--truth-start 99.00" in out
-    assert main(["convert", str(folder), "--take", "Box_1", "-o", str(tmp_path / "own")]) == 0
+    succeed("psfs", "convert", str(folder), "--take", "Box_1", "-o", str(tmp_path / "own"))
     own = Sequence.open(tmp_path / "own")
     np.testing.assert_array_equal(own.read(1).images, sequence.read(1).images)
 

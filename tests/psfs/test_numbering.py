@@ -3,7 +3,6 @@
 import shutil
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 from helpers import footage
@@ -32,13 +31,11 @@ def test_numbers(tmp_path: Path, case: str, kind: str) -> None:
     footage.write_toml(tmp_path / "calibration.toml", footage.tables(rig))
     levels: dict[int, tuple[int, int]] = {}
     for view, numbers in enumerate((first, second)):
-        folder = tmp_path / kind / rig.names[view]
-        folder.mkdir(parents=True)
         for number in numbers:
             value = 2 + len(levels)  # masks of 0 and 1 are read as of 0 and 255
             levels[value] = view, number
-            level = np.full((48, 64), value, np.uint8)
-            assert cv2.imwrite(str(folder / f"shot_{number}.png"), level)
+            path = tmp_path / kind / rig.names[view] / f"shot_{number}.png"
+            footage.write_image(path, value)
     if kind == "images":  # of one level, as every background
         shutil.copytree(tmp_path / kind, tmp_path / "background")
     sequence = Sequence.open(tmp_path)
@@ -63,12 +60,7 @@ def test_numbers(tmp_path: Path, case: str, kind: str) -> None:
 def test_a_picture_too_many(tmp_path: Path, extra: str, said: str) -> None:
     """A copy among one camera's pictures would shift all that follow."""
     rig = footage.rig(2)
-    footage.write_toml(tmp_path / "calibration.toml", footage.tables(rig))
-    for name in rig.names:
-        (tmp_path / "masks" / name).mkdir(parents=True)
-        for number in range(4):
-            picture = np.zeros((48, 64), np.uint8)
-            assert cv2.imwrite(str(tmp_path / "masks" / name / f"{number:04d}.png"), picture)
+    footage.write_take(tmp_path, rig, np.zeros((2, 4, 48, 64), np.uint8))
     assert Sequence.open(tmp_path).timing_notes == []
     folder = tmp_path / "masks" / rig.names[1]
     shutil.copy(folder / "0002.png", folder / extra)

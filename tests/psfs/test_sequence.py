@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 import pytest
 from helpers import footage, scenes
+from helpers.camera_texts import projections
 from helpers.shared import shared_data
 from PIL import Image
 
@@ -138,9 +139,7 @@ def test_masks_are_read_by_their_meaning(tmp_path: Path, kind: str) -> None:
         "palette": np.dstack([inside * 0, inside * 0, inside // 255 * 128]),
     }[kind]
     rig = footage.rig(1)
-    footage.write_toml(tmp_path / "calibration.toml", footage.tables(rig))
-    (tmp_path / "masks/cam01").mkdir(parents=True)
-    cv2.imwrite(str(tmp_path / "masks/cam01/0.png"), picture)
+    footage.write_take(tmp_path, rig, [[picture]])
     np.testing.assert_array_equal(Sequence.open(tmp_path).read(0).masks[0] > 127, inside > 0)
 
 
@@ -242,15 +241,12 @@ def test_a_table_says_whose_videos_are(tmp_path: Path) -> None:
 
 def test_flat_folder_with_masks_for_all_and_images_for_some(tmp_path: Path) -> None:
     rig = footage.rig(3)
-    text = ""
     for view, camera in enumerate(rig):
-        P = camera.K @ np.column_stack([camera.R, camera.t])
-        text += " ".join([camera.name, *map(str, P.ravel())]) + "\n"
         for frame in (1, 2):
             footage.write_image(tmp_path / f"silh_{camera.name}_{frame:05d}.pbm", 255 * (frame - 1))
             if view:
                 footage.write_image(tmp_path / f"{camera.name}_{frame:05d}.png", 9)
-    (tmp_path / "projection_matrices.txt").write_text(text)
+    (tmp_path / "projection_matrices.txt").write_text(projections(rig))
     sequence = Sequence.open(tmp_path)
     assert len(sequence) == 2 and sequence.background_kind == "masks"
     assert [frame.masks.mean() for frame in sequence] == [0, 255]
@@ -260,11 +256,9 @@ def test_flat_folder_with_masks_for_all_and_images_for_some(tmp_path: Path) -> N
 
 def test_threshold_masks_grow_by_dilation_less_erosion(tmp_path: Path) -> None:
     rig = footage.rig(1)
-    footage.write_toml(tmp_path / "calibration.toml", footage.tables(rig))
     image = np.zeros((48, 64, 3), np.uint8)
     image[20:25, 30:40] = 60
-    (tmp_path / "images/cam01").mkdir(parents=True)
-    cv2.imwrite(str(tmp_path / "images/cam01/0.png"), image)
+    footage.write_take(tmp_path, rig, [[image]], "images")
     sequence = Sequence.open(tmp_path, background="threshold", threshold=0.2, dilate=5, erode=3)
     rows, columns = np.nonzero(sequence.read(0).masks[0])
     assert (rows.min(), rows.max(), columns.min(), columns.max()) == (18, 26, 28, 41)

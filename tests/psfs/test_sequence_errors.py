@@ -2,8 +2,6 @@
 
 import os
 import shutil
-import subprocess
-import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -12,6 +10,7 @@ import cv2
 import numpy as np
 import pytest
 from helpers import footage
+from helpers.commands import run_python
 from helpers.footage import cut
 
 from cl import InputError
@@ -113,16 +112,10 @@ def test_one_line_and_exit_code_2(
 def test_no_noise_from_the_decoders(walk: Path) -> None:
     """Runs in its own process, where FFmpeg was not muted before psfs is imported."""
     cut(walk / "videos/cam02.mp4", 0.5)
-    environment = {k: v for k, v in os.environ.items() if not k.startswith("OPENCV")}
-    result = subprocess.run(
-        [sys.executable, "-m", "psfs.cli", "info", str(walk)],
-        capture_output=True,
-        text=True,
-        env=environment,
-        check=False,
-    )
-    assert result.returncode == 2 and result.stdout == ""
-    assert result.stderr.startswith("psfs: error: ") and result.stderr.count("\n") == 1
+    unmuted = dict.fromkeys(name for name in os.environ if name.startswith("OPENCV"))
+    result = run_python("-m", "psfs.cli", "info", walk, **unmuted)
+    assert result.code == 2 and result.out == ""
+    assert result.err.startswith("psfs: error: ") and result.err.count("\n") == 1
 
 
 def test_a_file_that_breaks_while_it_is_read(walk: Path) -> None:

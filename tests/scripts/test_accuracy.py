@@ -8,22 +8,9 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
+import accuracy.suite as suite
 import numpy as np
 import pytest
-from helpers.shared import ROOT
-
-import psfs
-from apf.body.toml import load_body
-from apf.evaluation.truth import load_truth
-from apf.formats.trc import JointSeries
-from apf.presets import Preset
-from apf.synthetic.scene import SceneConfig
-from apf.tracking.take import Take
-from cl import Device, InputError
-
-sys.path.insert(0, str(ROOT / "scripts"))
-
-import accuracy.suite as suite
 from accuracy.ablation import ABLATIONS, READINGS, load_preset
 from accuracy.runs import Results, Run, Setting, make_method
 from accuracy.suite import (
@@ -34,7 +21,17 @@ from accuracy.suite import (
     suite_settings,
 )
 from accuracy.suite_report import Row, suite_rows, write_suite
+from helpers.shared import ROOT
 from timings.grid import replace_marked
+
+import psfs
+from apf.body.toml import load_body
+from apf.evaluation.truth import load_truth
+from apf.formats.trc import JointSeries
+from apf.presets import Preset
+from apf.synthetic.scene import SceneConfig
+from apf.tracking.take import Take
+from cl import Device, InputError
 
 SCRIPT = ROOT / "scripts" / "accuracy.py"
 FRAMES = 4

@@ -1,13 +1,13 @@
 """Readers of BioCV, TotalCapture and Human3.6M, on small files made in their layouts."""
 
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
-from helpers.shared import ROOT
+from accuracy.datasets import _UPRIGHT, _make_human36m_cameras, prepare_dataset
+from accuracy.suite import suite_folders, true_stature
 from helpers.striders import strider
 
 from apf.evaluation.truth import load_truth
@@ -15,10 +15,6 @@ from apf.formats.c3d import write_c3d
 from apf.formats.trc import JointSeries
 from cl import InputError
 from psfs.cameras.calibration import read_calibration
-
-sys.path.insert(0, str(ROOT / "scripts"))
-from accuracy.datasets import _UPRIGHT, _make_human36m_cameras, prepare_dataset
-from accuracy.suite import suite_folders, true_stature
 
 _LIMBS = ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")
 #: World to camera: 3 m away, x to the right, looking along the world's y.

@@ -1,18 +1,13 @@
 """scripts/check_kernels.py: which tests it chooses, and what it reads in messages."""
 
 import shutil
-import sys
 from pathlib import Path
 
+import check_kernels
 import pytest
-from helpers.shared import ROOT
+from check_kernels import Findings, Program, Report
 
 from cl import MissingFileError
-
-sys.path.insert(0, str(ROOT / "scripts"))
-
-import check_kernels
-from check_kernels import Findings, Program, Report
 
 MESSAGES = """.
 Uninitialized value written to global memory address 0x9000000000000

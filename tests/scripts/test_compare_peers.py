@@ -1,18 +1,11 @@
 """compare_peers.py: figures, files, tables; the peers themselves are not installed."""
 
 import json
-import sys
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers.shared import ROOT
-
-from apf.formats.trc import JointSeries
-from cl import InputError
-
-sys.path.insert(0, str(ROOT / "scripts"))
 from peers.figures import measure
 from peers.programs import JOINTS, order_points
 from peers.results import (
@@ -22,6 +15,9 @@ from peers.results import (
     summary_table,
     write_tables,
 )
+
+from apf.formats.trc import JointSeries
+from cl import InputError
 
 FRAMES = 60
 NAMES = (*JOINTS, "neck", "l_toe", "r_toe")

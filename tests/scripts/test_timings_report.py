@@ -1,16 +1,12 @@
 """What is reported of timings: the results' files, the papers' figures, the page made of them."""
 
 import argparse
-import sys
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
-from helpers.shared import ROOT
-
-sys.path.insert(0, str(ROOT / "scripts"))
-
 from timings.report import (
     read_machines,
     serial_share,
@@ -18,15 +14,10 @@ from timings.report import (
 from timings.results import Results
 from timings.stages import find_stage, stage_times
 
-from apf.body.toml import load_body
 from apf.filters.config import FilterConfig
-from apf.initialisation.from_joints import fit_to_joints
-from apf.synthetic.render import SyntheticScene
 from apf.synthetic.scene import SceneConfig
-from apf.timings.scene import Problem, Scene, WholeFrame, sequence_run, stream_run
+from apf.timings.scene import WholeFrame, make_problem, sequence_run, stream_run
 from cl import Device, InputError, NumpyDevice
-from psfs.background.gaussian import Background
-from psfs.sequence import Frame
 
 
 def arguments(folder: Path, **changes: Any) -> argparse.Namespace:
@@ -66,21 +57,13 @@ def test_amdahls_serial_share_is_found() -> None:
     assert serial_share(times) == pytest.approx(0.3)
 
 
-def small_problem(device: Device) -> Problem:
+def test_the_whole_frame_on_the_device_agrees_with_the_twins(
+    device: Device, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Two frames of a walk before three small cameras."""
-    walk = SyntheticScene(SceneConfig(cameras=3, frames=2, size=(160, 120)), device)
-    plates = np.stack([walk.background_frame(i) for i in range(6)]).astype(np.float32)
-    shown = [walk.frame(i) for i in range(2)]
-    frames = [Frame(i, images, 255 * numbers) for i, (images, numbers) in enumerate(shown)]
-    background = Background(plates.mean(0), plates.std(0))
-    scene = Scene(walk.rig, background, frames, walk.people_joints, tuple(walk.joint_names))
-    joints = dict(zip(walk.joint_names, walk.joints[0], strict=True))
-    body, pose, _ = fit_to_joints(load_body("song31"), joints)
-    return Problem(scene, body, pose, FilterConfig.create(n_particles=30, n_layers=2), (50, 50, 33))
-
-
-def test_the_whole_frame_on_the_device_agrees_with_the_twins(device: Device) -> None:
-    problem = small_problem(device)
+    monkeypatch.setattr("apf.timings.scene.SceneConfig", partial(SceneConfig, size=(160, 120)))
+    config = FilterConfig.create(n_particles=30, n_layers=2)
+    problem = replace(make_problem(2, views=3), config=config, shape=(50, 50, 33))
     ours = sequence_run(WholeFrame(device, problem), 2)
     twins = sequence_run(WholeFrame(NumpyDevice(), problem), 2)
     assert len(ours["frames"].samples) == len(twins["frames"].samples) == 2

@@ -26,7 +26,6 @@ class GenericModel:
     the body that carries it, and its place (3,) m in the frames of both.
     """
 
-    path: Path
     text: str
     parents: dict[str, str]
     near: dict[str, np.ndarray]
@@ -83,7 +82,7 @@ def read_model(path: Path) -> GenericModel:
         )
     for body in bodies:
         _check_chain(path, body, parents)
-    return GenericModel(path, text, parents, near, far)
+    return GenericModel(text, parents, near, far)
 
 
 def _check_chain(path: Path, body: str, parents: dict[str, str]) -> None:

@@ -180,14 +180,13 @@ def _upright(body: BodyModel) -> dict[str, np.ndarray]:
     """Return joints and markers (3,) m of our body with all angles at 0, forward, up and right from
     the middle of its hips."""
     poses = np.zeros((1, body.n_dof))
-    names, points = _points(body, poses)
-    at = dict(zip(names, points[0], strict=True))
+    at = {name: places[0] for name, places in _place_markers(body, poses).items()}
     middle = (at["l_hip"] + at["r_hip"]) / 2
     return {name: standing_axes(body).T @ (point - middle) for name, point in at.items()}
 
 
-def _points(body: BodyModel, poses: np.ndarray) -> tuple[list[str], np.ndarray]:
-    """Return names and places (F, P, 3) m of all markers in the world."""
+def _place_markers(body: BodyModel, poses: np.ndarray) -> dict[str, np.ndarray]:
+    """Return the places (F, 3) m of all markers in the world, by name."""
     joints, frames = posed_joints(body, poses), anatomical_frames(body, poses)
     at = {name: joints[:, body.joint_names.index(name)] for name in _NEEDED if name != "pelvis"}
     for name, (segment, joint) in _FRONTS.items():
@@ -201,13 +200,14 @@ def _points(body: BodyModel, poses: np.ndarray) -> tuple[list[str], np.ndarray]:
     if feet:
         on_feet = np.moveaxis(posed_points(body, poses, feet), 1, 0)
         at |= dict(zip((marker.name for marker in feet), on_feet, strict=True))
-    return list(at), np.stack(list(at.values()), 1)
+    return at
 
 
 def marker_series(motion: BodyMotion) -> JointSeries:
     """Return the markers over time, NaN where the person or the limb is lost."""
     body = motion.body
-    names, points = _points(body, motion.poses)
+    at = _place_markers(body, motion.poses)
+    names, points = list(at), np.stack(list(at.values()), axis=1)
     on_limbs = dict(zip(body.joint_names, (motion.lost_limbs @ limb_joints(body)).T, strict=True))
     ends = {"heel": "ankle", "toe": "ankle"}
     gone = np.repeat(motion.lost[:, None], len(names), 1)

@@ -49,15 +49,12 @@ def read_keypoints_npz(path: Path) -> RawKeypoints:
 def read_array(path: Path) -> RawKeypoints:
     """Read an npy (V, F, K, 2 or 3) or (F, K, 2 or 3); the number of keypoints determines their
     names."""
-    return _read_files(path, {"": path})
+    return read_arrays(path, {"": path})
 
 
-def read_arrays(folder: Path, paths: list[Path]) -> RawKeypoints:
-    """Read an npy (F, K, 2 or 3) per camera, named as the camera."""
-    return _read_files(folder, {path.stem: path for path in paths})
-
-
-def _read_files(path: Path, files: dict[str, Path]) -> RawKeypoints:
+def read_arrays(path: Path, files: dict[str, Path]) -> RawKeypoints:
+    """Read an npy (F, K, 2 or 3) per camera, by its name, or one of all, see `read_array`, without
+    a name. path: named in errors."""
     wanted = Values(None, finite=False)
     arrays = {
         name: _to_views(file, read_npy(file, wanted, f"an array {_DIMENSIONS}"))

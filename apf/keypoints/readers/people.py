@@ -15,7 +15,7 @@ import math
 import pickle
 import pickletools
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NoReturn
@@ -124,9 +124,9 @@ def read_pictures(folder: Path, paths: Sequence[Path]) -> RawKeypoints | None:
         files[int(match["frame"])] = path
     views = {}
     for parts, files in cameras.items():
-        layout = _find_layout([*files.values()])
-        if layout is not None:
-            views[parts] = {n: _read_persons(path, layout) for n, path in files.items()}
+        read = _find_reader([*files.values()])
+        if read is not None:
+            views[parts] = {n: read(path) for n, path in files.items()}
     if not views:
         return None
     first = min(min(frames) for frames in views.values())  # 0, 1 or, of a cut video, any number
@@ -138,24 +138,17 @@ def read_pictures(folder: Path, paths: Sequence[Path]) -> RawKeypoints | None:
 _LABELS = ".txt"
 
 
-def _find_layout(paths: Sequence[Path]) -> PersonLayout | str | None:
-    """Return the layout of a camera's files, that of the first with somebody; None if none fits."""
+def _find_reader(paths: Sequence[Path]) -> Callable[[Path], list[np.ndarray]] | None:
+    """Return what reads a camera's files, by the first with somebody; None if none fits."""
     if paths[0].suffix == _LABELS:
-        return _LABELS if _parse_labels(paths[0]) else None
-    fitting = None
+        return _parse_labels if _parse_labels(paths[0]) else None
+    fits = []
     for path in paths:
         content = _read_picture(path)
         fits = [layout for layout in LAYOUTS if layout.list_persons(content) is not None]
-        fitting = fits[0] if fits else None
         if fits or content != []:  # MMPose's list of nobody
             break
-    return fitting
-
-
-def _read_persons(path: Path, layout: PersonLayout | str) -> list[np.ndarray]:
-    if isinstance(layout, str):
-        return _parse_labels(path)
-    return _parse_persons(path, _read_picture(path), layout)
+    return (lambda path: _parse_persons(path, _read_picture(path), fits[0])) if fits else None
 
 
 def _parse_labels(path: Path) -> list[np.ndarray]:

@@ -15,11 +15,9 @@ import numpy as np
 from cl import InputError
 from psfs.calibration.targets.boards import Found, to_grey
 from psfs.calibration.targets.target import Sighting, Target
-from psfs.cameras.camera import CameraRig
 from psfs.common.numbers import pick_evenly
 from psfs.footage.layouts.uncalibrated import LAYOUT, read_uncalibrated
 from psfs.footage.settings import SequenceSettings
-from psfs.sequence import Frame
 from psfs.sequence import Sequence as Views
 
 
@@ -47,13 +45,6 @@ def open_uncalibrated(folder: Path, stated: SequenceSettings, silhouettes: bool 
     return Views(folder, LAYOUT, read_uncalibrated(folder, settings, silhouettes), settings)
 
 
-def crop_pictures(frame: Frame, rig: CameraRig) -> list[np.ndarray]:
-    """Return the pictures of a frame, each in its own camera's size."""
-    assert frame.images is not None
-    pairs = zip(frame.images, rig, strict=True)
-    return [image[: camera.size[1], : camera.size[0]] for image, camera in pairs]
-
-
 def find_sightings(
     views: Views, chosen: Sequence[int], finders: Sequence[Finder]
 ) -> Iterator[list[Sighting]]:
@@ -67,7 +58,7 @@ def find_sightings(
     workers = min(len(rig), os.cpu_count() or 1)
     with views.reader() as read, ThreadPoolExecutor(workers) as pool:
         for index in chosen:
-            pictures, here = crop_pictures(read(index), rig), []
+            pictures, here = rig.crop(read(index).images), []
             for number, finder in enumerate(finders, len(finders) * index):
                 detections = pool.map(finder, range(len(rig)), pictures)
                 here += [
@@ -101,4 +92,4 @@ def _read_some(views: Views, chosen: Sequence[int]) -> Iterator[list[np.ndarray]
     """Yield every view's picture of some of the chosen frames."""
     with views.reader() as read:
         for row in pick_evenly(len(chosen)):
-            yield crop_pictures(read(chosen[row]), views.rig)
+            yield views.rig.crop(read(chosen[row]).images)

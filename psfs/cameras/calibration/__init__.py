@@ -31,9 +31,7 @@ from psfs.cameras.calibration.xml_files import (
     QUALISYS,
     VICON,
     looks_like_qualisys,
-    read_optitrack,
-    read_qualisys,
-    read_vicon,
+    read_xml,
 )
 from psfs.cameras.names import natural_key
 from psfs.cameras.units import Unit
@@ -89,11 +87,8 @@ def find_calibration(folder: Path) -> Path | None:
             names = ", ".join(path.name for path in files)
             raise InputError(f"{folder}: several calibrations ({names}); choose by `calibration`")
     models = ((folder / f"{name}{ending}" for name in ("cameras", "images")) for ending in _MODELS)
-    if any(all(path.is_file() for path in model) for model in models):
-        return folder
-    if any(folder.glob("*.pa")):
-        return folder
-    return None
+    whole = any(all(path.is_file() for path in model) for model in models)
+    return folder if whole or any(folder.glob("*.pa")) else None
 
 
 def read_calibration(
@@ -124,10 +119,8 @@ def read_calibration(
         return read_transforms(path, unit, sizes)
     if suffix in _TABLES and (known := read_layout([path], unit, sizes)) is not None:
         return known
-    if suffix == VICON:
-        return read_vicon(path, unit)
-    if suffix == OPTITRACK:
-        return read_optitrack(path, unit)
+    if suffix in (VICON, OPTITRACK):
+        return read_xml(path, unit)
     if suffix == ".mat":
         return read_matlab(path, unit, sizes)
     if suffix in _STORAGE:
@@ -147,7 +140,7 @@ def _is_tsai(path: Path) -> bool:
 def _read_text_file(path: Path, unit: Unit | None, sizes: Sizes) -> Calibration:
     text = read_text(path)
     if looks_like_qualisys(text):
-        return read_qualisys(path, unit)
+        return read_xml(path, unit)
     if looks_like_surrey(text):
         return read_surrey(path, unit)
     words = [line.split() for line in text.splitlines() if line.strip()]
@@ -181,7 +174,7 @@ def _read_folder(folder: Path, unit: Unit | None, sizes: Sizes) -> Calibration:
         return read_colmap(folder, unit)
     files = _camera_files(folder)
     if len(files) == 1 and files[0].name.endswith(QUALISYS):
-        return read_qualisys(files[0], unit)
+        return read_xml(files[0], unit)
     tables = files or sorted(folder.glob("*_params.mat"), key=lambda path: natural_key(path.name))
     if tables and (known := read_layout(tables, unit, sizes)) is not None:
         return known

@@ -148,14 +148,6 @@ def parse_quaternion(values: np.ndarray, what: str) -> np.ndarray:
     return scipy.spatial.transform.Rotation.from_quat(values).as_matrix()
 
 
-def check_whole_size(values: np.ndarray | Sequence[float], what: str) -> Size:
-    """Return the size of a picture, px. Raises InputError unless both are whole numbers."""
-    width, height = values
-    if width != int(width) or height != int(height):
-        raise InputError(f"{what} is {width:g} x {height:g}; expected whole numbers of pixels")
-    return int(width), int(height)
-
-
 def find_sizes(names: Sequence[str], sizes: Sizes) -> list[Size]:
     """Return the size of each named camera. Raises InputError for a camera without a size."""
     if callable(sizes):
@@ -276,7 +268,10 @@ def _read_size(layout: Layout, record: Record, name: str) -> Size:
     values = np.concatenate([parse_array(record[key], None, what) for key in layout.size])
     if len(values) != 2:
         raise InputError(f"{what} has {len(values)} numbers; expected width and height")
-    return check_whole_size(values, what)
+    width, height = values
+    if width != int(width) or height != int(height):
+        raise InputError(f"{what} is {width:g} x {height:g}; expected whole numbers of pixels")
+    return int(width), int(height)
 
 
 def read_files(

@@ -117,9 +117,8 @@ def _find_records(content: Any) -> dict[str, Record]:
             str(k): v for k, v in cameras.items() if isinstance(v, Mapping) and "rows" not in v
         }
         tables.pop("camera_poses", None)
-        records = dict(tables) if tables else {"": cameras}
+        records = tables or {"": cameras}
     else:
-        tables = {}
         listed = [entry for entry in cameras if isinstance(entry, Mapping)] if cameras else []
         records = {str(row.get("name", f"cam{n:02d}")): row for n, row in enumerate(listed, 1)}
         if len(records) < len(listed):

@@ -14,7 +14,7 @@ import scipy
 
 from cl import InputError
 from psfs.cameras.calibration.common import TO_OPENCV
-from psfs.cameras.calibration.xml_files import SUBPIXELS
+from psfs.cameras.calibration.xml_files import MATRIX, SUBPIXELS
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.common.files import write_json, write_text, write_toml
 
@@ -127,9 +127,8 @@ def write_qualisys(folder: Path, rig: CameraRig) -> Path:
         for tag in ("fov_marker", "fov_video"):
             ElementTree.SubElement(element, tag, {key: str(n) for key, n in field.items()})
         turn = TO_OPENCV @ camera.R
-        names = [f"r{row}{column}" for row in (1, 2, 3) for column in (1, 2, 3)]
         placed = [*turn.ravel(), *(1000 * camera.centre)]
-        _add_numbers(element, "transform", dict(zip([*names, *"xyz"], placed, strict=True)))
+        _add_numbers(element, "transform", dict(zip([*MATRIX, *"xyz"], placed, strict=True)))
         K, (k1, k2, p1, p2, _) = SUBPIXELS * camera.K, camera.distortion
         lens = {"focalLengthU": K[0, 0], "focalLengthV": K[1, 1]}
         lens |= {"centerPointU": K[0, 2], "centerPointV": K[1, 2], "skew": 0.0}

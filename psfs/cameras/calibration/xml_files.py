@@ -50,9 +50,9 @@ from psfs.common.files import parse_xml
 from psfs.common.reading import open_input
 
 QUALISYS, OPTITRACK, VICON = ".qca.txt", ".mcal", ".xcp"
-#: Units of Qualisys' sensor per pixel.
+#: Units of Qualisys' sensor per pixel, and its names of a rotation's numbers by rows.
 SUBPIXELS = 64
-_MATRIX = [f"r{row}{column}" for row in (1, 2, 3) for column in (1, 2, 3)]
+MATRIX = [f"r{row}{column}" for row in (1, 2, 3) for column in (1, 2, 3)]
 _LENS = ("HorizontalFocalLength", "VerticalFocalLength", "LensCenterX", "LensCenterY")
 #: Marks of UTF-16, which may be absent.
 _MARKS = (b"\xff\xfe", b"\xfe\xff")
@@ -63,40 +63,13 @@ def looks_like_qualisys(text: str) -> bool:
     return text.lstrip().startswith("<") and "<calibration" in text[:2000]
 
 
-def read_qualisys(path: Path, unit: Unit | None) -> Calibration:
-    """Read the cameras, named by their serial numbers. Millimetres unless `unit` says otherwise.
+def read_xml(path: Path, unit: Unit | None) -> Calibration:
+    """Read the calibration of one of `_PROGRAMS`, in the unit of the program unless `unit` says
+    otherwise. Cameras are named by their attribute of the table; if some film, those are read.
 
     Raises InputError naming file, camera and attribute.
     """
-    layout = replace(OPENGL_POSES, program="", unit="mm")
-    return _read_cameras(path, "cameras/camera", "serial", _parse_qualisys, layout, unit)
-
-
-def read_optitrack(path: Path, unit: Unit | None) -> Calibration:
-    """Read the cameras, named by their serial numbers, in natural order; of colour cameras (C...)
-    and others those for colour. Metres unless `unit` says otherwise.
-
-    Raises InputError naming file, camera and attribute.
-    """
-    return _read_cameras(path, ".//Camera", "Serial", _parse_optitrack, OPENGL_POSES, unit)
-
-
-def read_vicon(path: Path, unit: Unit | None) -> Calibration:
-    """Read the cameras, named by their DEVICEID, in natural order. Millimetres unless `unit` says
-    otherwise.
-
-    Raises InputError naming file, camera and attribute.
-    """
-    layout = replace(PLAIN, program="Vicon", unit="mm")
-    placed = "Camera/KeyFrames/KeyFrame/../.."
-    return _read_cameras(path, placed, "DEVICEID", _parse_vicon, layout, unit)
-
-
-def _read_cameras(
-    path: Path, tag: str, key: str, parse: Callable[[ElementTree.Element, str], dict[str, Any]],
-    layout: Layout, unit: Unit | None,
-) -> Calibration:  # fmt: skip
-    """Read the elements `tag`, named by their attribute `key`; if some film, those."""
+    tag, key, parse, layout = _PROGRAMS.get(path.suffix.lower(), _PROGRAMS[QUALISYS])
     text = read_text(path, _find_encoding(path))
     with name_file_in_errors(path):
         elements = parse_xml(text, f"XML with {tag}").findall(tag)
@@ -148,7 +121,7 @@ def _parse_qualisys(element: ElementTree.Element, what: str) -> dict[str, Any]:
     if element.get("viewrotation", "0") != "0":
         turned = element.get("viewrotation")
         raise InputError(f"{what}: viewrotation is {turned}; expected 0")
-    pose = _read_numbers(element.find("transform"), [*_MATRIX, *"xyz"], 12, f"{what}: transform")
+    pose = _read_numbers(element.find("transform"), [*MATRIX, *"xyz"], 12, f"{what}: transform")
     focal = ("focalLengthU", "focalLengthV", "centerPointU", "centerPointV")
     bend = [f"{kind}Distortion{k}" for kind in ("radial", "tangental") for k in (1, 2)]
     values = _read_numbers(lens, [*focal, *bend], 8, f"{what}: intrinsic")
@@ -201,3 +174,17 @@ def _parse_vicon(element: ElementTree.Element, what: str) -> dict[str, Any]:
         "t": -R @ pose[4:],
         "size": _read_numbers(element, ["SENSOR_SIZE"], 2, what),
     }
+
+
+#: The cameras' elements, the attribute with their name, what parses one and what a record has
+#: where, by the ending of a program's files.
+_PROGRAMS: dict[str, tuple[str, str, Callable[..., dict[str, Any]], Layout]] = {
+    QUALISYS: (
+        "cameras/camera", "serial", _parse_qualisys, replace(OPENGL_POSES, program="", unit="mm")
+    ),
+    OPTITRACK: (".//Camera", "Serial", _parse_optitrack, OPENGL_POSES),
+    VICON: (
+        "Camera/KeyFrames/KeyFrame/../..", "DEVICEID", _parse_vicon,
+        replace(PLAIN, program="Vicon", unit="mm"),
+    ),
+}  # fmt: skip

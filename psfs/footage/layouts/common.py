@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 
 from cl import InputError
 from psfs.cameras.calibration import read_calibration
-from psfs.cameras.calibration.common import Calibration, Size, Sizes
+from psfs.cameras.calibration.common import Calibration, Size
 from psfs.cameras.camera import CameraRig
 from psfs.cameras.names import match_files_to_cameras
 from psfs.cameras.units import Unit
@@ -66,16 +67,11 @@ class Layout:
 
 def read_rig(path: Path, settings: SequenceSettings, found: Found, where: Path) -> Calibration:
     """Read the calibration at `path`; sizes that it lacks come from the pictures `found`."""
-    return read_calibration(path, settings.unit, make_size_lookup(found, where, settings))
-
-
-def make_size_lookup(found: Found, where: Path, settings: SequenceSettings) -> Sizes:
-    """Return a function that maps camera names to the sizes of the pictures that match them."""
-    return lambda names: measure_sizes(names, found, where, settings)
+    return read_calibration(path, settings.unit, partial(measure_sizes, found, where, settings))
 
 
 def measure_sizes(
-    names: Sequence[str], found: Found, where: Path, settings: SequenceSettings
+    found: Found, where: Path, settings: SequenceSettings, names: Sequence[str]
 ) -> list[Size]:
     """Return the size of each named camera's pictures."""
     pairs, _ = match_files_to_cameras(names, list(found), str(where), settings.cameras)
@@ -114,7 +110,7 @@ def assign_pictures(
 
 
 def assemble(
-    calibrated: CameraRig,
+    calibrated: Calibration,
     settings: SequenceSettings,
     kinds: Mapping[str, tuple[Found, Path]],
     extras: bool = False,
@@ -133,8 +129,7 @@ def assemble(
             media[kind], said = assign_pictures(calibrated, found, where, settings, more)
             remarks += said
     rig = choose_cameras(calibrated, settings)
-    unit = getattr(calibrated, "unit", "m")
-    return Footage(rig, unit, notes=remarks, late=late or {}, **media)
+    return Footage(rig, calibrated.unit, notes=remarks, late=late or {}, **media)
 
 
 def choose_cameras(rig: CameraRig, settings: SequenceSettings) -> CameraRig:

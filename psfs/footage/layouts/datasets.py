@@ -18,12 +18,12 @@ from __future__ import annotations
 import re
 from collections import defaultdict
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 from cl import InputError
-from psfs.cameras.calibration import read_calibration
 from psfs.cameras.calibration.common import Calibration, name_file_in_errors, parse_numbers
 from psfs.cameras.calibration.filestorage import read_filestorage
 from psfs.cameras.calibration.number_lists import looks_like_tsai, read_humaneva, read_tsai
@@ -35,7 +35,7 @@ from psfs.footage.layouts.common import (
     Layout,
     assemble,
     choose_cameras,
-    make_size_lookup,
+    measure_sizes,
     read_rig,
 )
 from psfs.footage.media import IMAGE_SUFFIXES, list_images
@@ -78,13 +78,13 @@ def _list_utrecht(folder: Path, pattern: str) -> Found:
 
 def _read_utrecht(folder: Path, settings: SequenceSettings) -> Footage:
     videos, where = _list_utrecht(folder, "video.avi"), folder / "cam*" / "video.avi"
-    sizes = make_size_lookup(videos, where, settings)
     if settings.calibration is None:
         files = _list_utrecht(folder, "config.xml")
         paths = [path for (path,) in files.values()]
+        sizes = partial(measure_sizes, videos, where, settings)
         rig = read_filestorage(paths, settings.unit, sizes, list(files))
     else:
-        rig = read_calibration(folder / settings.calibration, settings.unit, sizes)
+        rig = read_rig(folder / settings.calibration, settings, videos, where)
     note = f"the unit {_UTRECHT_UNIT} comes from a board of 115 mm that measures 151: uncertain"
     empty = _list_utrecht(folder, "background.avi")
     return assemble(
@@ -197,8 +197,7 @@ def _read_cameras(
 ) -> tuple[Calibration, Found, list[str]]:
     """Return the cameras, the videos of the calibrated ones, and remarks on the others."""
     if settings.calibration is not None:
-        path, sizes = folder / settings.calibration, make_size_lookup(videos, where, settings)
-        return read_calibration(path, settings.unit, sizes), videos, []
+        return read_rig(folder / settings.calibration, settings, videos, where), videos, []
     place = _find_subfolder(folder, "calibration_data")
     files = [p for p in sorted(place.glob("*.[cC][aA][lL]")) if p.stem in videos]
     if not files:
@@ -206,7 +205,7 @@ def _read_cameras(
     lacking = sorted(videos.keys() - {path.stem for path in files}, key=natural_key)
     notes = [f"{name} is not calibrated, and left out" for name in lacking]
     videos = {path.stem: videos[path.stem] for path in files}
-    sizes = make_size_lookup(videos, where, settings)
+    sizes = partial(measure_sizes, videos, where, settings)
     read = read_tsai if looks_like_tsai(read_text(files[0], "a calibration")) else read_humaneva
     return read(files, settings.unit, sizes), videos, notes
 

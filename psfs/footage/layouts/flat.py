@@ -16,8 +16,9 @@ from psfs.cameras.calibration.common import Size
 from psfs.cameras.names import contains_name, match_files_to_cameras, name_tokens, natural_key
 from psfs.footage.layouts.common import (
     Footage,
+    Found,
     Layout,
-    assign_pictures,
+    assemble,
     choose_cameras,
     measure_sizes,
 )
@@ -81,27 +82,27 @@ def _read(folder: Path, settings: SequenceSettings) -> Footage:
 
     def sizes(names: Sequence[str]) -> list[Size]:
         kinds, _ = _assign_all_pictures(folder, names)
-        return measure_sizes(names, {**kinds["masks"], **kinds["images"]}, folder, settings)
+        return measure_sizes({**kinds["masks"], **kinds["images"]}, folder, settings, names)
 
     calibrated = read_calibration(calibration, settings.unit, sizes)
-    rig = choose_cameras(calibrated, settings)
+    names = choose_cameras(calibrated, settings).names
     notes = list(calibrated.notes)
-    media: dict[str, Any] = {}
+    whole: dict[str, tuple[Found, Path]] = {}
     kinds, guess = _assign_all_pictures(folder, calibrated.names)
     notes += [guess] if guess else []
     for kind, every in kinds.items():
-        found = {name: files for name, files in every.items() if name in rig.names}
-        if len(found) == len(rig):
-            media[kind], _ = assign_pictures(rig, found, folder, settings)
+        found = {name: files for name, files in every.items() if name in names}
+        if len(found) == len(names):
+            whole[kind] = found, folder
         elif found:
-            missing = [name for name in rig.names if name not in found]
+            missing = [name for name in names if name not in found]
             notes.append(f"{kind} are not used: none for {', '.join(missing)}")
-    if not media.get("images") and not media.get("masks"):
+    if not whole.keys() & {"images", "masks"}:
         raise InputError(
-            f"{folder}: no pictures for every camera ({', '.join(rig.names)}); expected "
+            f"{folder}: no pictures for every camera ({', '.join(names)}); expected "
             "videos/, images/<camera>/, masks/<camera>/ or files whose names contain the cameras'"
         )
-    return Footage(rig, calibrated.unit, notes=notes, **media)
+    return assemble(calibrated, settings, whole, notes=notes)
 
 
 FLAT = Layout("flat", _matches, _read)

@@ -14,6 +14,7 @@ import numpy as np
 from cl import InputError
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.names import join_names
+from psfs.cameras.rig_geometry import transfer_poses
 from psfs.cameras.triangulation import triangulate_rays
 from psfs.common.numbers import pick_evenly
 from psfs.footage.camera_times import shift_points
@@ -50,15 +51,13 @@ class PointCalibration:
     """Cameras found from keypoints, in axes and a unit of their own.
 
     rig: the cameras. lags: (V,) frame t of the first camera shows the time of frame t + lags[v] of
-    camera v. points: (F, K, 3) of the frames `frames` (F,) of the first camera; NaN where less than
-    two cameras see one. errors: (V,) px, median distance of each camera's keypoints from where the
-    points appear.
+    camera v. points: (F, K, 3) of F frames of the first camera; NaN where less than two cameras see
+    one. errors: (V,) px, median distance of each camera's keypoints from where the points appear.
     """
 
     rig: CameraRig
     lags: np.ndarray
     points: np.ndarray
-    frames: np.ndarray
     errors: np.ndarray
 
 
@@ -184,9 +183,6 @@ def _finish(
             f"the keypoints fit no arrangement of the cameras: those of {cameras[worst].name} are "
             f"{medians[worst]:.1f} px off, expected at most {limit:.1f}; {FILM}"
         )
-    placed = tuple(
-        replace(camera.refocused(solved.K[0, 0] / camera.K[0, 0]), R=solved.R, t=solved.t)
-        for camera, solved in zip(cameras, scene.cameras, strict=True)
-    )
+    placed = transfer_poses(cameras, cameras, scene.cameras)
     points = scene.points.reshape(len(frames), -1, 3)
-    return PointCalibration(CameraRig(placed), lags + scene.lags, points, frames, medians)
+    return PointCalibration(placed, lags + scene.lags, points, medians)

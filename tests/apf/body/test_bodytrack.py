@@ -119,20 +119,14 @@ def test_lengths_become_metres_and_limits_stay_open(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "found", "expected"),
-    [
-        ("BodyShapeParameters.txt", "57", "58"),
-        ("PoseParameters.txt", "92", "93"),
-        ("InitialPose.txt", "30", "31"),
-    ],
+    ("name", "count"),
+    [("BodyShapeParameters.txt", 58), ("PoseParameters.txt", 93), ("InitialPose.txt", 31)],
 )
-def test_files_of_another_length_are_refused(
-    tmp_path: Path, name: str, found: str, expected: str
-) -> None:
+def test_files_of_another_length_are_refused(tmp_path: Path, name: str, count: int) -> None:
     write_files(tmp_path)
     numbers = (tmp_path / name).read_text().split()
     (tmp_path / name).write_text("\n".join(numbers[:-1]))
-    with pytest.raises(InputError, match=rf"{name}: {found} numbers; expected .*{expected}"):
+    with pytest.raises(InputError, match=rf"{name}: {count - 1} numbers; expected .*{count}"):
         read_body(tmp_path)
 
 

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from helpers import bodies
+from scipy.spatial.transform import Rotation
 
 from apf.body.jacobian import bone_point_jacobian, cone_moves, distance_jacobian
 from apf.body.kinematics import (
@@ -29,16 +30,11 @@ BODIES = ["song31", "stick"]
 
 def transform(kind: str, value: float) -> np.ndarray:
     """Return the matrix (4, 4) of one axis."""
-    c, s = np.cos(value), np.sin(value)
     matrix = np.eye(4)
     if kind[0] == "t":
         matrix["xyz".index(kind[1]), 3] = value
     else:
-        matrix[:3, :3] = {
-            "x": [[1, 0, 0], [0, c, -s], [0, s, c]],
-            "y": [[c, 0, s], [0, 1, 0], [-s, 0, c]],
-            "z": [[c, -s, 0], [s, c, 0], [0, 0, 1]],
-        }[kind[1]]
+        matrix[:3, :3] = Rotation.from_euler(kind[1], value).as_matrix()
     return matrix
 
 
@@ -208,7 +204,6 @@ def test_feet_turn_about_ankles(name: str) -> None:
     np.testing.assert_allclose(posed_cones(footed, padded), posed_cones(body, poses), atol=1e-9)
     assert limb_names(footed) == limb_names(body)
     assert stature(footed) == pytest.approx(stature(body))
-    turned = padded.copy()
-    turned[:, footed.dof_names.index("l_foot.ry")] += 0.3
+    turned = bodies.bent(footed, padded, l_foot__ry=0.3)
     moved = np.abs(posed_cones(footed, turned) - posed_cones(footed, padded)).max((0, 2)) > 1e-3
     assert {footed.cone_names[k] for k in np.flatnonzero(moved)} == {"l_foot"}

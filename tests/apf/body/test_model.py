@@ -1,5 +1,6 @@
 """Body models: shipped ones, the TOML reader and writer, scaling."""
 
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -8,51 +9,28 @@ from helpers import bodies
 
 from apf.body.kinematics import bone_matrices, posed_joints
 from apf.body.limbs import trunk_mask
-from apf.body.model import BodyModel, sideless
+from apf.body.model import sideless
 from apf.body.toml import load_body, save_body
 from cl import InputError, MissingFileError
 
 SONG = load_body("song31")
 
 
-def assert_same(a: BodyModel, b: BodyModel) -> None:
-    assert (a.name, a.dof_names, a.edges, a.apart) == (b.name, b.dof_names, b.edges, b.apart)
-    for field in ("lower", "upper", "sigma", "rest_pose", "posture_sigma", "posture_rise"):
-        np.testing.assert_array_equal(getattr(a, field), getattr(b, field))
-    for x, y in zip(a.bones, b.bones, strict=True):
-        assert (x.name, x.parent, x.axes) == (y.name, y.parent, y.axes)
-        np.testing.assert_array_equal(x.offset, y.offset)
-        np.testing.assert_array_equal(x.rest, y.rest)
-    for x, y in zip(a.cones, b.cones, strict=True):
-        assert (x.name, x.bone, x.radii, x.scale) == (y.name, y.bone, y.radii, y.scale)
-        assert x.in_images == y.in_images
-        np.testing.assert_array_equal(x.start, y.start)
-        np.testing.assert_array_equal(x.end, y.end)
-        np.testing.assert_allclose(x.side, y.side, atol=1e-15)
-    for x, y in zip(a.joints, b.joints, strict=True):
-        assert (x.name, x.bone) == (y.name, y.bone)
-        np.testing.assert_array_equal(x.position, y.position)
-
-
 def moved(**dofs: float) -> dict[str, np.ndarray]:
     """Return the displacement (3,) m of each joint of song31 for these degrees of freedom (. as
     __)."""
-    pose = SONG.rest_pose.copy()
-    for name, value in dofs.items():
-        pose[SONG.dof_names.index(name.replace("__", "."))] += value
-    step = posed_joints(SONG, np.stack([SONG.rest_pose, pose]))
+    step = posed_joints(SONG, np.stack([SONG.rest_pose, bodies.bent(SONG, **dofs)]))
     return dict(zip(SONG.joint_names, step[1] - step[0], strict=True))
 
 
 def test_the_trunk_of_song32_bends_sideways() -> None:
-    bent = load_body("song32")
-    assert set(bent.dof_names) - set(SONG.dof_names) == {"thorax.rx"}
-    pose = bent.rest_pose.copy()
-    pose[bent.dof_names.index("thorax.rx")] = 0.3
-    joints = dict(zip(bent.joint_names, posed_joints(bent, pose[None])[0], strict=True))
+    body = load_body("song32")
+    assert set(body.dof_names) - set(SONG.dof_names) == {"thorax.rx"}
+    places = posed_joints(body, bodies.bent(body, thorax__rx=0.3)[None])[0]
+    joints = dict(zip(body.joint_names, places, strict=True))
     assert joints["neck"][1] < -0.1  # to the right
     assert joints["l_hip"][2] == joints["r_hip"][2]
-    assert trunk_mask(bent)[bent.dof_names.index("thorax.rx")]
+    assert trunk_mask(body)[body.dof_names.index("thorax.rx")]
 
 
 @pytest.mark.parametrize("side", ["l", "r"])
@@ -111,7 +89,11 @@ def test_saved_bodies_come_back(name: str, tmp_path: Path) -> None:
     body = bodies.named(name)
     for saved in (body, body.scaled(dict.fromkeys(body.scale_groups, 1.1), radii=1.07)):
         save_body(tmp_path / "copy.toml", saved)
-        assert_same(load_body(tmp_path / "copy.toml"), saved)
+        again = asdict(load_body(tmp_path / "copy.toml"))
+        for cone, old in zip(again["cones"], saved.cones, strict=True):
+            np.testing.assert_allclose(cone["side"], old.side, atol=1e-15)
+            cone["side"] = old.side
+        np.testing.assert_equal(again, asdict(saved))
 
 
 BAD = {

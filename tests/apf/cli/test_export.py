@@ -6,12 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers.commands import fail, succeed
 from helpers.striders import SONG, strider
-from helpers.tracks import walker
+from helpers.tracks import lose, walker
 
 import apf
 from apf.body.toml import save_body
-from apf.cli import main
 from apf.formats.trc import read_trc
 from apf.tracking.motion_files import EXPORTS
 from apf.tracking.smoothing import SmoothingConfig, smooth_track
@@ -20,15 +20,14 @@ from apf.tracking.track import Track
 FILES = set(EXPORTS.values()) - {"person.glb"}  # the track has no surface
 
 
-def test_all_of_it(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_all_of_it(tmp_path: Path) -> None:
     track = strider(150, noise=0.01)
     track.save(tmp_path / "track.npz")
     before = (tmp_path / "track.npz").read_bytes()
-    assert main(["export", str(tmp_path)]) == 0
+    said = succeed("apf", "export", tmp_path).out
     names = {path.name for path in tmp_path.iterdir()}
     assert names == {"track.npz", "manifest.txt", *FILES}
     assert (tmp_path / "track.npz").read_bytes() == before  # the raw poses
-    said = capfd.readouterr().out
     assert "smoothed at 6 Hz and feet held" in said and "steps/min" in said
     assert all(name in said for name in FILES) and "no surface of the person" in said
     smooth = smooth_track(track)
@@ -42,21 +41,20 @@ def test_all_of_it(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
 def test_a_c3d_of_more_frames_than_it_counts(tmp_path: Path) -> None:
     track = replace(strider(150, noise=0.01), frames=np.arange(150) + 65500)
     track.save(tmp_path / "track.npz")
-    assert main(["export", str(tmp_path), "--raw"]) == 0
+    succeed("apf", "export", tmp_path, "--raw")
     names = {path.name for path in tmp_path.iterdir()}
     assert names == {"track.npz", "manifest.txt", "motion_frame65534.c3d", *FILES}
     times = read_trc(tmp_path / "motion.trc").times
     assert len(times) == 150 and times[0] == pytest.approx(65500 / track.fps)
 
 
-def test_choices(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    track = replace(strider(60, noise=0.01), diagnostics={"lost": np.arange(60) // 10 == 2})
+def test_choices(tmp_path: Path) -> None:
+    track = lose(strider(60, noise=0.01), np.arange(20, 30))
     track.save(tmp_path / "track.npz")
     out = tmp_path / "out"
     wanted = ["--to", "trc", "bvh", "-o", str(out), "--axes", "z-up", "--raw"]
-    assert main(["export", str(tmp_path / "track.npz"), *wanted]) == 0
+    said = " ".join(succeed("apf", "export", tmp_path / "track.npz", *wanted).out.split())
     assert {path.name for path in out.iterdir()} == {"motion.trc", "motion.bvh", "manifest.txt"}
-    said = " ".join(capfd.readouterr().out.split())
     assert "not smoothed" in said and "lost in frames 20-29" in said and "gait" not in said
     found = read_trc(out / "motion.trc", "z-up").joints
     np.testing.assert_allclose(found, track.points.joints, atol=1e-6)
@@ -69,7 +67,7 @@ def test_a_smoothed_track_is_not_smoothed_again(tmp_path: Path) -> None:
     assert written.gait is None  # one step only
 
 
-def test_points_without_a_body(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_points_without_a_body(tmp_path: Path) -> None:
     """As `apf track --method triangulate` makes them, NaN where a point is missing."""
     body = strider(150)
     names = [name for name in body.joint_names if name != "pelvis"]
@@ -78,26 +76,24 @@ def test_points_without_a_body(tmp_path: Path, capfd: pytest.CaptureFixture[str]
     track = Track("triangulated", (), tuple(names), 60.0, body.frames, np.zeros((150, 0)), joints,
                   np.zeros((0, 2)))  # fmt: skip
     track.save(tmp_path / "track.npz")
-    assert main(["export", str(tmp_path)]) == 0
-    assert "not smoothed" in capfd.readouterr().out
+    assert "not smoothed" in succeed("apf", "export", tmp_path).out
     found = {path.name for path in tmp_path.iterdir()} - {"track.npz", "manifest.txt"}
     assert found == {"motion.c3d", "motion.trc", "gait.json"}
     np.testing.assert_allclose(read_trc(tmp_path / "motion.trc").joints, joints, atol=1e-6)
     assert json.loads((tmp_path / "gait.json").read_text())["n_steps"] >= 3
-    assert main(["export", str(tmp_path), "--to", "bvh"]) == 2
-    assert "without a body" in capfd.readouterr().err
+    assert "without a body" in fail("apf", "export", tmp_path, "--to", "bvh")
 
 
-def test_who_does_not_walk(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_who_does_not_walk(tmp_path: Path) -> None:
     walker(10).save(tmp_path / "track.npz")
-    assert main(["export", str(tmp_path), "--to", "gait", "csv"]) == 0
-    assert "no walk of two steps" in capfd.readouterr().out
+    said = succeed("apf", "export", tmp_path, "--to", "gait", "csv").out
+    assert "no walk of two steps" in said
     assert not (tmp_path / "gait.json").exists() and (tmp_path / "angles.csv").exists()
 
 
 def test_tracks_of_before_hold_no_body_but_have_it_beside_them(tmp_path: Path) -> None:
     replace(strider(20), body=None).save(tmp_path / "track.npz")
-    assert main(["export", str(tmp_path), "--to", "bvh"]) == 2
+    fail("apf", "export", tmp_path, "--to", "bvh")
     save_body(tmp_path / "body.toml", SONG)
     assert Track.open(tmp_path).its_body.name == "song31"
-    assert main(["export", str(tmp_path), "--to", "bvh"]) == 0
+    succeed("apf", "export", tmp_path, "--to", "bvh")

@@ -3,19 +3,20 @@ it: it finds the person where the picture is brightest."""
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 from helpers import footage
+from helpers.commands import fail, succeed
 from helpers.shared import shared_data
 
 import psfs
-from apf.cli import main
 from apf.keypoints.keypoints import Keypoints
 from apf.keypoints.readers.orders import MEDIAPIPE
+from psfs.cameras.camera import CameraRig
 from psfs.common.outputs import output_folder
 from psfs.people.people import StandingPeople
 
@@ -70,25 +71,16 @@ def forget_mediapipe(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
     """Two cameras before which a small bright square moves; cam02 loses it in the last frame."""
-    folder = footage.native(tmp_path / "walk", views=2, frames=FRAMES)
-    for view, camera in enumerate(("cam01", "cam02")):
-        for kind in ("videos", "background"):
-            (folder / kind / f"{camera}.mp4").unlink()
-        for frame in range(FRAMES):
-            picture = np.full((480, 640, 3), 60, np.uint8)
-            if not (view == 1 and frame == FRAMES - 1):
-                left = 60 + 10 * frame + 200 * (frame > 3)
-                picture[100 : 160 + 40 * view, left : left + 40] = 250
-            path = folder / "images" / camera / f"{frame:04d}.png"
-            path.parent.mkdir(parents=True, exist_ok=True)
-            cv2.imwrite(str(path), picture)
-        (folder / "background" / camera).mkdir(parents=True)
-        for frame in range(3):
-            noise = np.random.default_rng(frame).integers(58, 63, (48, 64, 3)).astype(np.uint8)
-            path = folder / "background" / camera / f"{frame}.png"
-            cv2.imwrite(str(path), np.tile(noise, (10, 10, 1)))
-    text = (folder / "calibration.toml").read_text()
-    (folder / "calibration.toml").write_text(text.replace("64.0", "640.0").replace("48.0", "480.0"))
+    cameras = [replace(camera, size=(640, 480)) for camera in footage.rig(2)]
+    pictures = np.full((2, FRAMES, 480, 640, 3), 60, np.uint8)
+    for view, frame in np.ndindex(2, FRAMES):
+        if not (view == 1 and frame == FRAMES - 1):
+            left = 60 + 10 * frame + 200 * (frame > 3)
+            pictures[view, frame, 100 : 160 + 40 * view, left : left + 40] = 250
+    rooms = np.random.default_rng(0).integers(58, 63, (3, 48, 64, 3)).astype(np.uint8)
+    for kind, views in (("images", pictures), ("background", 2 * [np.tile(rooms, (10, 10, 1))])):
+        footage.write_take(tmp_path / "walk", CameraRig(tuple(cameras)), views, kind)
+    folder = tmp_path / "walk"
     assert len(psfs.open_sequence(folder)) == FRAMES  # sizes are the pictures'
     return folder
 
@@ -105,11 +97,11 @@ def places() -> np.ndarray:
 
 
 def test_keypoints_of_all_cameras_are_written_and_read_back(
-    folder: Path, tmp_path: Path, stand_in: Path, capsys: pytest.CaptureFixture[str]
+    folder: Path, tmp_path: Path, stand_in: Path
 ) -> None:
     out = tmp_path / "pose"
-    assert main(["keypoints", str(folder), "-o", str(out), "--at-once", "1"]) == 0
-    assert f"{FRAMES} frames x 2 cameras" in capsys.readouterr().out
+    said = succeed("apf", "keypoints", folder, "-o", out, "--at-once", "1").out
+    assert f"{FRAMES} frames x 2 cameras" in said
     assert sorted(path.name for path in out.iterdir()) == [
         "cam01_json", "cam02_json", "manifest.txt", "settings.toml",
     ]  # fmt: skip
@@ -125,11 +117,7 @@ def test_keypoints_of_all_cameras_are_written_and_read_back(
 
 
 def test_of_several_people_each_is_in_the_files(
-    folder: Path,
-    tmp_path: Path,
-    stand_in: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    folder: Path, tmp_path: Path, stand_in: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """One stands where the square is in the last frames but one, the other beside the picture."""
     camera = psfs.open_sequence(folder).rig[0]
@@ -139,28 +127,27 @@ def test_of_several_people_each_is_in_the_files(
     monkeypatch.setattr("apf.cli.keypoints._find_people", lambda *of: standing)
     out = tmp_path / "pose"
     command = ["keypoints", str(folder), "-o", str(out), "--people", "2", "--cameras", "cam01"]
-    assert main(command) == 0
-    said = capsys.readouterr().err
+    said = succeed("apf", *command).err
     assert "cam01: person 2 was found in 0 of 6 frames only" in said
     read = Keypoints.open(out, ["cam01"])
     np.testing.assert_allclose(read.points[0, 2, 0, :2], places()[0, 2], atol=0.2)
 
 
 def test_whole_pictures_where_asked_for_replace_an_earlier_run(
-    folder: Path, tmp_path: Path, stand_in: Path, capsys: pytest.CaptureFixture[str]
+    folder: Path, tmp_path: Path, stand_in: Path
 ) -> None:
     out = tmp_path / "pose"
     older = out / "cam01_json" / "cam01_000099.json"
     older.parent.mkdir(parents=True)
     older.write_text("of a longer video")
     command = ["keypoints", str(folder), "-o", str(out), "--no-crop", "--cameras", "cam01"]
-    assert main(command) == 2  # it could be the user's
-    assert f"{older}: is there already" in capsys.readouterr().err
+    said = fail("apf", *command)  # it could be the user's
+    assert f"{older}: is there already" in said
     with output_folder(out, "apf keypoints") as ours:
         older.unlink()
         ours.claim(older)
         older.write_text("of a longer video")
-    assert main(command) == 0
+    succeed("apf", *command)
     assert set(stand_in.read_text().splitlines()) == {"480 640"}
     read = Keypoints.open(out, ["cam01"])
     assert read.n_frames == FRAMES and len(list(out.iterdir())) == 3
@@ -168,12 +155,11 @@ def test_whole_pictures_where_asked_for_replace_an_earlier_run(
 
 
 def test_bad_pictures_leave_nothing_half_written(
-    folder: Path, tmp_path: Path, stand_in: Path, capsys: pytest.CaptureFixture[str]
+    folder: Path, tmp_path: Path, stand_in: Path
 ) -> None:
     (folder / "images" / "cam02" / "0003.png").write_bytes(b"no picture")
     out = tmp_path / "pose"
-    assert main(["keypoints", str(folder), "-o", str(out), "--at-once", "1", "--no-crop"]) == 2
-    said = capsys.readouterr().err.splitlines()
+    said = fail("apf", "keypoints", folder, "-o", out, "--at-once", "1", "--no-crop").splitlines()
     assert "0003.png" in said[-1] and "Traceback" not in "".join(said)
     names = sorted(path.name for path in out.iterdir())
     assert names == ["cam01_json", "manifest.txt"]
@@ -203,11 +189,9 @@ def test_without_the_extra_one_line(
     change: Callable[[pytest.MonkeyPatch], None],
     message: str,
     monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
 ) -> None:
     change(monkeypatch)
-    assert main(["keypoints", str(folder), "-o", str(tmp_path / "pose")]) == 2
-    said = capsys.readouterr().err
+    said = fail("apf", "keypoints", folder, "-o", tmp_path / "pose")
     assert message in said and said.count("\n") == 1 and not (tmp_path / "pose").exists()
 
 
@@ -215,7 +199,7 @@ def test_without_the_extra_one_line(
 def test_mediapipe_itself(tmp_path: Path) -> None:
     folder = shared_data("synth_box_4cam")
     out = tmp_path / "pose"
-    assert main(["keypoints", str(folder), "-o", str(out), "--cameras", "cam01"]) == 0
+    succeed("apf", "keypoints", str(folder), "-o", str(out), "--cameras", "cam01")
     read, known = Keypoints.open(out, ["cam01"]), Keypoints.open(folder).select_cameras(["cam01"])
     away = np.hypot(*np.moveaxis((read.points - known.points)[0, :, 11:, :2], -1, 0))
     assert np.median(away) < 5

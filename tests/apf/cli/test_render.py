@@ -6,9 +6,9 @@ import cv2
 import numpy as np
 import pytest
 from helpers import footage, tracks
+from helpers.commands import fail, succeed
 
 from apf.body.toml import load_body, save_body
-from apf.cli import main
 from apf.image_objective.renderer import draw_hypotheses
 from apf.scene import Scene
 from cl import Device
@@ -24,12 +24,12 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def render(recorded: Path, *more: str) -> int:
-    return main(["render", str(recorded / "seq"), str(recorded / "track"), *more])
+def render(recorded: Path, *more: str) -> list[str]:
+    return ["apf", "render", str(recorded / "seq"), str(recorded / "track"), *more]
 
 
 def test_pictures_show_what_is_counted(recorded: Path, tmp_path: Path) -> None:
-    assert render(recorded, "-o", str(tmp_path), "--frames", "3:5") == 0
+    succeed(*render(recorded, "-o", str(tmp_path), "--frames", "3:5"))
     names = {f"cam{k:02d}_{frame:06d}.png" for k in (1, 2, 3) for frame in (3, 4)}
     for kind in ("silhouettes", "edges", "overlay"):
         assert {path.name for path in (tmp_path / kind).iterdir()} == names
@@ -49,20 +49,17 @@ def test_pictures_show_what_is_counted(recorded: Path, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("shape", [["--device", "numpy"], ["--round-ends"]])
 def test_other_shapes_and_the_twin(recorded: Path, tmp_path: Path, shape: list[str]) -> None:
-    assert render(recorded, "-o", str(tmp_path), "--frames", "3:4", *shape) == 0
+    succeed(*render(recorded, "-o", str(tmp_path), "--frames", "3:4", *shape))
     assert cv2.imread(str(tmp_path / "silhouettes" / "cam02_000003.png"), 0).any()
 
 
-def test_bad_input_is_one_line(
-    recorded: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_bad_input_is_one_line(recorded: Path, tmp_path: Path) -> None:
     (tmp_path / "no.ply").write_text("nothing")
     for more, message in (
         (["--frames", "0:2"], "has none of the frames 0 to 1"),
         (["--shape", str(tmp_path / "no.ply")], "no.ply: not a mesh"),
         (["--opengl", "--round-ends"], "--round-ends is OpenCL's"),
     ):
-        assert render(recorded, "-o", str(tmp_path / "out"), *more) == 2
-        error = capsys.readouterr().err
+        error = fail(*render(recorded, "-o", str(tmp_path / "out"), *more))
         assert message in error
         assert len(error.strip().splitlines()) == 1

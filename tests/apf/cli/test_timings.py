@@ -6,8 +6,9 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from helpers.commands import fail, succeed
 
-from apf.cli import main, timings
+from apf.cli import timings
 from apf.timings.measure import Timing
 
 
@@ -20,7 +21,7 @@ def made(kind: str, cores: int | None, ms: float) -> dict[str, Any]:
 
 
 def test_devices_are_compared_with_one_core(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Of every device in turn; the first frame, which is worked on twice, does not count."""
     monkeypatch.setattr(timings, "make_problem", lambda frames: None)
@@ -31,11 +32,10 @@ def test_devices_are_compared_with_one_core(
     monkeypatch.setattr(timings, "places", lambda: [place])
     monkeypatch.setattr(timings, "cpu_place", lambda: place)
     out = tmp_path / "out"
-    assert main(["timings", "-o", str(out)]) == 0
+    said = succeed("apf", "timings", "-o", out).out
     rows = json.loads((out / "timings.json").read_text())["rows"]
     assert [row["ms"] for row in rows] == [8000, 100, 2]
     assert rows[-1]["times_one_core"] == 50 and rows[-1]["streamed_ms"] == 1
     assert (out / "timings.png").read_bytes().startswith(b"\x89PNG")
-    said = capsys.readouterr().out
     assert "NumPy" in said and "50.00" in said
-    assert main(["timings", "--seconds", "0", "-o", str(tmp_path / "no")]) == 2
+    fail("apf", "timings", "--seconds", "0", "-o", tmp_path / "no")

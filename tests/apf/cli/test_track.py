@@ -7,9 +7,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from helpers.commands import fail, succeed
 
 from apf.body.toml import load_body
-from apf.cli import main
 from apf.cli.batch import make_jobs
 from apf.evaluation.evaluate import evaluate
 from apf.evaluation.truth import load_truth
@@ -21,18 +21,17 @@ SMALL = ["--particles", "60", "--layers", "5", "--voxel-size", "0.04"]
 FEW = ["--frames", "0:3", "--no-overlay", "--no-report"]
 
 
-def track(folder: Path, out: Path, *more: str) -> int:
+def track(folder: Path, out: Path, *more: str) -> list[str]:
     truth = ["--init", str(folder / "truth.npz")] if "--init" not in more else []
-    return main(["track", str(folder), "-o", str(out), *SMALL, *truth, *more])
+    return ["apf", "track", str(folder), "-o", str(out), *SMALL, *truth, *more]
 
 
 def test_everything_is_written_and_judged_and_reports_made_again(
-    walk: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    walk: Path, tmp_path: Path
 ) -> None:
     """The last lines say what summary.json holds; `apf report` gives the same again."""
     out = tmp_path / "out"
-    assert track(walk, out, "--frames", f"0:{FRAMES}") == 0
-    said = capsys.readouterr().out.splitlines()
+    said = succeed(*track(walk, out, "--frames", f"0:{FRAMES}")).out.splitlines()
     names = {path.name for path in (tmp_path / "out").iterdir()}
     assert names == {
         "manifest.txt",
@@ -68,8 +67,8 @@ def test_everything_is_written_and_judged_and_reports_made_again(
     page = (out / "report.html").read_bytes()
     (out / "report.html").unlink()
     (out / "overlay.mp4").unlink()
-    assert main(["report", str(out)]) == 0
-    assert capsys.readouterr().out.splitlines()[-1] == f"wrote {out / 'report.html'}"
+    said = succeed("apf", "report", out).out
+    assert said.splitlines()[-1] == f"wrote {out / 'report.html'}"
     again = json.loads((out / "summary.json").read_text())
     assert again["quality"] == summary["quality"]
     assert (out / "overlay.mp4").exists()
@@ -80,17 +79,14 @@ def test_everything_is_written_and_judged_and_reports_made_again(
 @pytest.fixture(scope="module")
 def seed4(walk: Path) -> Path:
     """The folder of a run with seed 4."""
-    assert track(walk, walk.parent / "seed4", *FEW, "--seed", "4") == 0
+    succeed(*track(walk, walk.parent / "seed4", *FEW, "--seed", "4"))
     return walk.parent / "seed4"
 
 
-def test_several_seeds_at_once(
-    walk: Path, seed4: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_several_seeds_at_once(walk: Path, seed4: Path, tmp_path: Path) -> None:
     """Each as alone, so that the same seed gives the same track and another one another, in a
     folder of its own; how far they differ and err is said."""
-    assert track(walk, tmp_path / "all", *FEW, "--seed", "3", "--seeds", "2") == 0
-    said = capsys.readouterr().out
+    said = succeed(*track(walk, tmp_path / "all", *FEW, "--seed", "3", "--seeds", "2")).out
     assert "2 runs: joints lie" in said and "mean error:" in said
     assert {path.name for path in (tmp_path / "all").iterdir()} == {
         "manifest.txt",
@@ -105,23 +101,20 @@ def test_several_seeds_at_once(
     assert np.any(other.poses != alone.poses)
 
 
-def test_a_body_of_frusta_and_a_mesh_of_the_person(
-    walk: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_body_of_frusta_and_a_mesh_of_the_person(walk: Path, tmp_path: Path) -> None:
     trimesh = pytest.importorskip("trimesh")
     box = trimesh.creation.box((0.3, 0.5, 1.7)).subdivide().subdivide()
     box.vertices[:, 2] += 0.85
     box.export(tmp_path / "box.ply")
     few = ["--method", "pso", "--objective", "sp", "--body", "song31", *FEW]
-    assert track(walk, tmp_path / "mesh", *few, "--shape", f"{tmp_path}/box.ply") == 0
+    succeed(*track(walk, tmp_path / "mesh", *few, "--shape", f"{tmp_path}/box.ply"))
     again = ["--config", str(tmp_path / "mesh" / "settings.toml"), "-o", str(tmp_path / "again")]
-    assert main(["track", str(walk), *again, "--shape", "18"]) == 0  # a flag beats the file
+    succeed("apf", "track", str(walk), *again, "--shape", "18")  # a flag beats the file
     mesh, frusta = (Track.open(tmp_path / name) for name in ("mesh", "again"))
     assert not np.array_equal(mesh.poses, frusta.poses)
     looks = [json.loads(found.provenance)["image"] for found in (mesh, frusta)]
     assert [look["mesh_file"] for look in looks] == [str(tmp_path / "box.ply"), ""]
     assert [look["vertices_per_part"] for look in looks] == [4, 18]
-    capsys.readouterr()
     for flags, message in (
         (["--shape", "5"], "--shape is 5; expected 4, 8"),
         (["--shape", "no.ply"], "no.ply: no such file; expected a mesh"),
@@ -131,8 +124,7 @@ def test_a_body_of_frusta_and_a_mesh_of_the_person(
         ),
         (["--shape", "8", "--objective", "voxel"], "--shape applies only to image objectives"),
     ):
-        assert track(walk, tmp_path / "bad", *few, *flags) == 2
-        assert message in capsys.readouterr().err
+        assert message in fail(*track(walk, tmp_path / "bad", *few, *flags))
 
 
 def test_several_takes_are_a_batch_without_exports(
@@ -144,18 +136,15 @@ def test_several_takes_are_a_batch_without_exports(
     for day in days:
         shutil.copytree(walk, day)
     words = [*map(str, days), "-o", str(tmp_path / "out"), "--particles", "40"]
-    assert main(["track", *words]) == 0
+    succeed("apf", "track", *words)
     assert asked[0].to == ()
     jobs = make_jobs(asked[0])
     assert [job.name for job in jobs] == ["monday_walk", "tuesday_walk"]
     assert jobs[0].request.method.filter.search.n_particles == 40
 
 
-def test_what_several_takes_cannot_be_asked(
-    walk: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_what_several_takes_cannot_be_asked(walk: Path, tmp_path: Path) -> None:
     words = [str(walk / "videos"), "--init", str(walk / "truth.npz")]
-    assert main(["track", str(walk), *words, "-o", str(tmp_path / "out")]) == 2
-    lines = capsys.readouterr().err.strip().splitlines()
+    lines = fail("apf", "track", walk, *words, "-o", tmp_path / "out").strip().splitlines()
     assert len(lines) == 1 and "--init is the first pose of one take" in lines[0], lines
     assert not (tmp_path / "out").exists()

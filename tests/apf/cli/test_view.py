@@ -5,6 +5,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from helpers.commands import fail, succeed
 from helpers.studio import save_track, save_voxels
 from helpers.tracks import walker
 
@@ -12,7 +13,6 @@ pytest.importorskip("viser", reason="viser is not installed")
 
 import psfs.cli.view as command
 from apf.body.toml import load_body, save_body
-from apf.cli import main
 from psfs.page.watch import ViewPage
 
 
@@ -42,35 +42,28 @@ def test_body_is_shown_in_stored_voxels(
 
     monkeypatch.setattr(command, "serve", look)
     voxels = save_voxels(tmp_path / "voxels")
-    assert main(["view", str(voxels), str(track), "--frame", "1", "--port", "0"]) == 0
+    succeed("apf", "view", str(voxels), str(track), "--frame", "1", "--port", "0")
     assert seen[0][:2] == (1, True)
     assert list(seen[0][2]) == ["voxels", "body", "skeleton", "trails", "cameras"]
     assert "not tracked in this frame" in seen[1][0] and not seen[1][1]
 
 
-def test_a_track_is_shown_without_voxels(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_track_is_shown_without_voxels(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     seen = []
     monkeypatch.setattr(command, "serve", lambda page, args: seen.append(page.watch.frame))
     run = save_track(tmp_path / "run")
     words = ["view", str(run), "--port", "0"]
-    assert main([*words, "--frame", "7"]) == 0
+    succeed("apf", *words, "--frame", "7")
     assert seen == [7]
-    assert main([*words, "--frame", "70"]) == 2
-    assert main([*words, "--mesh"]) == 2
-    assert main([*words, "--png", str(tmp_path / "view.png")]) == 2
-    lines = capsys.readouterr().err.splitlines()
+    wrong = ["--frame", "70"], ["--mesh"], ["--png", str(tmp_path / "view.png")]
+    lines = [fail("apf", *words, *flags) for flags in wrong]
     assert "holds frames 0 to 29" in lines[0] and "--mesh" in lines[1] and "footage" in lines[2]
 
 
-def test_a_picture_without_a_page(
-    out: Path, track: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_picture_without_a_page(out: Path, track: Path, tmp_path: Path) -> None:
     path = tmp_path / "view.png"
     flags = ["view", str(out), str(track), "--png", str(path)]
-    assert main([*flags, "--frame", "2"]) == 0
+    succeed("apf", *flags, "--frame", "2")
     picture = cv2.imread(str(path))
     assert picture is not None and picture.any()
-    assert main([*flags, "--frame", "0"]) == 2
-    assert "frame 0 was not tracked" in capsys.readouterr().err
+    assert "frame 0 was not tracked" in fail("apf", *flags, "--frame", "0")

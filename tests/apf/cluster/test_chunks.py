@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from helpers.tracks import walker
+from helpers.tracks import lose, walker
 
 from apf.cli.batch_chunks import cut_chunks, find_seam, join_tracks
 from apf.tracking.track import Track
@@ -48,10 +48,7 @@ def test_parts_are_joined_where_they_agree_best() -> None:
 
 
 def test_no_seam_where_one_is_lost() -> None:
-    track = walker(60)
-    lost = np.zeros(60, bool)
-    lost[:45] = True
-    track = replace(track, diagnostics={**track.diagnostics, "lost": lost})
+    track = lose(walker(60), np.arange(45))
     assert find_seam(part_of(track, 0, 50), part_of(track, 30, 60)).frame >= 45
     assert find_seam(part_of(track, 0, 40), part_of(track, 30, 60)).distance == np.inf
     assert find_seam(part_of(track, 0, 20), part_of(track, 30, 60)).distance == np.inf

@@ -11,16 +11,13 @@ from typing import Any
 
 import psutil
 import pytest
+from helpers.commands import fail, succeed
 from helpers.tasks import die_until, double, hang, interrupted, raise_until, wait_for_stop
 
-from apf.body.toml import save_body
-from apf.cli import main
 from apf.cluster.connection import DaskPool, connect_cluster
 from apf.cluster.processes import Processes, Task
 from apf.cluster.task_side import Progress, TaskStopped
 from apf.cluster.workers import Share, share_machine
-from apf.formats.pose import write_pose
-from apf.takes.start import read_given_start
 from apf.tracking.track import Track
 from cl import InputError
 from psfs.common.system import list_own_cores
@@ -45,17 +42,6 @@ def processes() -> Iterator[Processes]:
     """Yield two workers of this machine, both pinned to the first core."""
     with Processes([Share("cpu", tuple(list_own_cores()[:1]))] * 2) as pool:
         yield pool
-
-
-@pytest.fixture(scope="module")
-def start(small_walk: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with the body and the first pose of the walk, fitted once for all takes."""
-    found = read_given_start(small_walk, 0, None, small_walk / "truth.npz", "y-up")
-    assert found is not None
-    folder = tmp_path_factory.mktemp("start")
-    save_body(folder / "body.toml", found[0])
-    write_pose(folder / "start.txt", found[1], found[0])
-    return folder
 
 
 def test_nothing_listens(processes: Processes) -> None:
@@ -141,10 +127,9 @@ def test_stopped_takes_write_what_they_have(processes: Processes, tmp_path: Path
 def test_the_command(
     where: str,
     small_walk: Path,
-    start: Path,
+    fitted: Path,
     tmp_path: Path,
     request: pytest.FixtureRequest,
-    capfd: Any,
 ) -> None:
     """Takes of a list on workers, here or of a cluster: as `apf track` has them; a bad one stops
     none; a second call does what is left."""
@@ -159,8 +144,8 @@ def test_the_command(
         all-cameras = true
         no_overlay = true
         no_report = true
-        body = "{start / "body.toml"}"
-        init = "{start / "start.txt"}"
+        body = "{fitted / "body.toml"}"
+        init = "{fitted / "start.txt"}"
         [[take]]
         folder = "{small_walk}"
         name = "second"
@@ -175,22 +160,21 @@ def test_the_command(
         more += ["--scheduler", request.getfixturevalue("client").scheduler.address]
     else:
         more += ["--workers", "1"]
-    assert main(["batch", str(tmp_path / "takes.toml"), *more]) == 2
-    assert "1 of 2 takes failed: bad" in capfd.readouterr().err
+    assert "1 of 2 takes failed: bad" in fail("apf", "batch", tmp_path / "takes.toml", *more)
     assert (out / "logs" / "bad.log").read_text().count("error: ") == 3
     if where == "client":
         return
 
     flags = ["--particles", "40", "--layers", "3", "--voxel-size", "0.06", "--all-cameras"]
     flags += ["--one-way", "--frames", "0:1", "--seed", "4", "--no-overlay", "--no-report"]
-    flags += ["--body", str(start / "body.toml"), "--init", str(start / "start.txt")]
-    assert main(["track", str(small_walk), "-o", str(tmp_path / "alone"), *flags]) == 0
+    flags += ["--body", str(fitted / "body.toml"), "--init", str(fitted / "start.txt")]
+    succeed("apf", "track", small_walk, "-o", tmp_path / "alone", *flags)
     alone, mine = Track.open(tmp_path / "alone"), Track.open(out / "second")
     assert mine.poses.tobytes() == alone.poses.tobytes() and mine.frames.tolist() == [0]
 
     stamp = (out / "second" / "track.npz").stat().st_mtime_ns
-    assert main(["batch", str(tmp_path / "sound.toml"), *more]) == 0
-    assert "1 of 1 takes done, 1 of them before" in capfd.readouterr().out
+    said = succeed("apf", "batch", tmp_path / "sound.toml", *more).out
+    assert "1 of 1 takes done, 1 of them before" in said
     assert (out / "second" / "joints.trc").is_file()
     assert (out / "second" / "track.npz").stat().st_mtime_ns == stamp
     assert {p.name for p in out.iterdir()} == {

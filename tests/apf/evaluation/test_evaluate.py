@@ -9,9 +9,9 @@ import cv2
 import numpy as np
 import pytest
 from helpers import tracks
+from helpers.commands import succeed
 from helpers.striders import strider
 
-from apf.cli import main
 from apf.evaluation.conventions import axes_that_fit
 from apf.evaluation.evaluate import evaluate
 from apf.evaluation.joint_names import EVALUATED_JOINTS, match_joints
@@ -154,14 +154,13 @@ def test_nothing_in_common() -> None:
 # The command ------------------------------------------------------------------------------------
 
 
-def test_command_writes_table_csv_plot_and_json(tmp_path: Path, capsys) -> None:
+def test_command_writes_table_csv_plot_and_json(tmp_path: Path) -> None:
     """Of a truth 25 mm above the track."""
     folder, track = tmp_path, tracks.walker()
     track.save(folder / "out" / "track.npz")
     joints = track.joints + np.array([0, 0, 0.025])
     np.savez(folder / "truth.npz", joint_names=track.joint_names, joints=joints, fps=60)
-    assert main(["evaluate", str(folder / "out"), "--truth", str(folder / "truth.npz")]) == 0
-    printed = capsys.readouterr().out
+    printed = succeed("apf", "evaluate", folder / "out", "--truth", folder / "truth.npz").out
     assert "mean error 25.0 mm over 30 frames and 15 joints" in printed
     assert "lost limbs" in printed
     summary = json.loads((folder / "out" / "evaluation.json").read_text())
@@ -220,32 +219,22 @@ def said(truth: JointSeries, convention: str = "z-up") -> str | None:
 
 
 @pytest.mark.parametrize("written", CONVENTIONS)
-@pytest.mark.parametrize("read", CONVENTIONS)
-def test_the_command_names_the_convention(
-    written: str, read: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize("read", [*CONVENTIONS, None])
+def test_the_convention_of_a_trc_is_named_or_found(
+    written: str, read: str | None, tmp_path: Path
 ) -> None:
-    TRACK.save(tmp_path / "track.npz")
-    write_trc(tmp_path / "truth.trc", tracks.truth_of(TRACK), written)
-    flags = ["--truth", str(tmp_path / "truth.trc"), "--convention", read, "--csv"]
-    assert main(["evaluate", str(tmp_path / "track.npz"), *flags]) == 0
-    text = capsys.readouterr().out
-    named = f"m with --convention {written}" in text
-    assert named == (written != read) and ("warning" in text) == named
-
-
-@pytest.mark.parametrize("written", CONVENTIONS)
-def test_the_axes_of_a_trc_are_found(
-    written: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+    """Named by the command where another one is stated, else found."""
     TRACK.save(tmp_path / "track.npz")
     write_trc(tmp_path / "truth.trc", tracks.truth_of(TRACK), written)
     flags = ["--truth", str(tmp_path / "truth.trc"), "--json"]
-    assert main(["evaluate", str(tmp_path / "track.npz"), *flags]) == 0
-    text = capsys.readouterr().out
-    assert (f"read with --convention {written}" in text) == (written != "y-up")
-    assert "warning" not in text
-    summary = json.loads((tmp_path / "evaluation.json").read_text())
-    assert summary["mean_error_mm"] < 1
+    flags += ["--convention", read] if read else []
+    text = succeed("apf", "evaluate", tmp_path / "track.npz", *flags).out
+    named = f"m with --convention {written}" in text
+    assert named == ("warning" in text) == (read not in (None, written))
+    if read is None:
+        assert (f"read with --convention {written}" in text) == (written != "y-up")
+        summary = json.loads((tmp_path / "evaluation.json").read_text())
+        assert summary["mean_error_mm"] < 1
 
 
 def test_units_and_axes_without_a_name() -> None:

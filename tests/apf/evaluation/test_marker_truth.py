@@ -1,17 +1,16 @@
 """C3D files as truth, and markers fixed to a body against those of motion capture."""
 
 from pathlib import Path
-from typing import Any
 
-import ezc3d
 import numpy as np
 import pytest
 from helpers import bodies
+from helpers.commands import succeed
+from helpers.footage import write_c3d
 from helpers.striders import track_of_poses
 
 from apf.body.kinematics import bone_matrices
 from apf.body.stature import stature
-from apf.cli import main
 from apf.evaluation.marker_truth import evaluate_markers, load_markers
 from apf.evaluation.truth import load_truth
 from apf.formats.c3d import read_c3d
@@ -32,25 +31,6 @@ def a_track(n: int = N_FRAMES) -> Track:
     return track_of_poses(body, poses, FPS)
 
 
-def write_c3d(
-    path: Path, points: np.ndarray, labels: tuple[str, ...], rate: float, **said: Any
-) -> None:
-    """points: (F, P, 3) in the file's unit and axes, NaN where missing."""
-    file: Any = ezc3d.c3d()
-    file["header"]["points"]["first_frame"] = said.get("first", 0)
-    point = file["parameters"]["POINT"]
-    point["RATE"]["value"], point["UNITS"]["value"] = [rate], [said.get("unit", "mm")]
-    point["LABELS"]["value"] = list(labels)
-    if "up" in said:
-        file.add_parameter("POINT", "Y_SCREEN", said["up"])
-    data = np.ones((4, len(labels), len(points)))
-    data[:3] = points.transpose(2, 1, 0)
-    file["data"]["points"] = data
-    missing = np.isnan(data[:3]).any(0)
-    file["data"]["meta_points"]["residuals"] = np.where(missing, -1.0, 0.0)[None]
-    file.write(str(path))
-
-
 def true_markers(track: Track, labels: tuple[str, ...]) -> np.ndarray:
     """(F, P, 3) m of the shipped set on the track's body, by its own matrices."""
     found = load_markers("plugingait")
@@ -61,7 +41,7 @@ def true_markers(track: Track, labels: tuple[str, ...]) -> np.ndarray:
     return np.array([[origins[f, b] + rotations[f, b] @ o for b, o in pairs] for f in frames])
 
 
-def test_a_c3d_is_read_back_as_truth(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_c3d_is_read_back_as_truth(tmp_path: Path) -> None:
     track, path = a_track(), tmp_path / "walk.c3d"
     markers = true_markers(track, LABELS)
     markers[3, 1] = np.nan
@@ -80,8 +60,7 @@ def test_a_c3d_is_read_back_as_truth(tmp_path: Path, capsys: pytest.CaptureFixtu
 
     track.save(tmp_path / "out" / "track.npz")
     words = ["evaluate", str(tmp_path / "out"), "--truth", str(path), "--markers", "plugingait"]
-    assert main(words) == 0
-    out = capsys.readouterr().out
+    out = succeed("apf", *words).out
     assert "c7" in out and "20.0" in out and (tmp_path / "out/evaluation.png").is_file()
 
 

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers import tracks
+from helpers.commands import succeed
 
-from apf.cli import main
 from apf.evaluation.people import evaluate_people, evaluate_tracks
 from apf.evaluation.truth import load_people_truth
 from apf.formats.trc import JointSeries
@@ -99,7 +99,7 @@ def test_npz_of_all_people(tmp_path: Path) -> None:
         load_people_truth(path)
 
 
-def test_command_compares_all_people(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_command_compares_all_people(tmp_path: Path) -> None:
     people, truth = pair(0, 1)
     people.save(tmp_path / "out")
     offset = np.array([0.01, 0, 0])
@@ -109,17 +109,15 @@ def test_command_compares_all_people(tmp_path: Path, capsys: pytest.CaptureFixtu
     np.savez(file, joint_names=names, joints=joints, fps=60.0)
     out = tmp_path / "figures"
     command = ["evaluate", str(tmp_path / "out"), "--truth", str(file), "-o", str(out)]
-    assert main([*command, "--json", "--csv"]) == 0
-    said = capsys.readouterr().out
+    said = succeed("apf", *command, "--json", "--csv").out
     assert "identity switches: 0" in said
     assert "100.0% of 20 frames" in said
     whole = json.loads((out / "evaluation.json").read_text())
     assert [p["errors"]["mean_error_mm"] for p in whole["persons"]] == [10, 10]
     assert (out / "person2" / "evaluation.csv").exists()
     second = str(tmp_path / "out" / "person2")
-    assert main(["evaluate", second, "--truth", str(file), "--json"]) == 0
-    assert "the nearest is person2" in (said := capsys.readouterr().out)
-    assert "mean error 10.0 mm" in said
+    said = succeed("apf", "evaluate", second, "--truth", file, "--json").out
+    assert "the nearest is person2" in said and "mean error 10.0 mm" in said
 
 
 @pytest.mark.parametrize(
@@ -132,7 +130,7 @@ def test_command_compares_all_people(tmp_path: Path, capsys: pytest.CaptureFixtu
     ],
 )
 def test_a_truth_that_does_not_fit_several_people_is_named(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], change: dict[str, Any], said: str
+    tmp_path: Path, change: dict[str, Any], said: str
 ) -> None:
     people, truth = pair(0, 3)
     people.save(tmp_path / "out")
@@ -141,8 +139,7 @@ def test_a_truth_that_does_not_fit_several_people_is_named(
     names = np.array(truth["at 0"].joint_names)
     np.savez(tmp_path / "t.npz", joint_names=names, joints=joints, fps=people[0].fps)
     command = ["evaluate", str(tmp_path / "out"), "--truth", str(tmp_path / "t.npz"), "--json"]
-    assert main(command) == 0
-    printed = capsys.readouterr().out
+    printed = succeed("apf", *command).out
     assert said in printed and ("warning" in printed) == bool(said)
 
 

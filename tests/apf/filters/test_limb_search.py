@@ -67,13 +67,6 @@ def run_search(
     return result.get(), search.shift.get(), search.information.get(), *kept
 
 
-def raised(body: BodyModel) -> np.ndarray:
-    """The rest pose with the left arm half way up to the side."""
-    pose = body.rest_pose.copy()
-    pose[body.dof_names.index("l_upper_arm.rx")] = 0.9
-    return pose
-
-
 def test_proposals_move_one_limb_within_limits() -> None:
     body = load_body("song31")
     mean = bodies.random_poses(body, 1)[0]
@@ -141,7 +134,7 @@ def test_each_kernel_agrees_with_the_twin(device: Device, n_particles: int, n_po
 def test_a_lost_arm_is_found(device: Device) -> None:
     """Within a few frames; refinement alone leaves it where it is."""
     body = load_body("song31")
-    pose, wrist = raised(body), body.joint_names.index("l_wrist")
+    pose, wrist = bodies.bent(body, l_upper_arm__rx=0.9), body.joint_names.index("l_wrist")
     points = bodies.surface_points(body, pose, CONFIG.likelihood.n_points)
     likelihood = Nearness(device, body, points)
 
@@ -159,8 +152,7 @@ def test_a_lost_arm_is_found(device: Device) -> None:
 def test_an_arm_is_where_its_points_are_seen(monkeypatch: pytest.MonkeyPatch) -> None:
     """From a mean whose arm hangs: with them among the poses that are tried, else not."""
     body, rig = load_body("song31"), scenes.ring(4, size=(640, 480))
-    pose = body.rest_pose.copy()
-    pose[body.dof_names.index("l_upper_arm.rx")] = 2.2
+    pose = bodies.bent(body, l_upper_arm__rx=2.2)
     scene = Scene(None, rig, None, body)  # type: ignore[arg-type]
     likelihood = NumpyKeypointLikelihood(scene, KeypointConfig(weight=4.0), 0.02)
     seen = seen_points(body, pose, rig, 60)

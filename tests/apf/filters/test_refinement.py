@@ -29,19 +29,42 @@ def on_device(
     device: Device,
     body: BodyModel,
     mean: np.ndarray,
-    points: np.ndarray,
+    voxels: np.ndarray,
     config: FilterConfig = CONFIG,
     fit: GaussNewtonFit = FREE,
+    seen: PointObservations | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Refined pose and information by the kernel; no points at all count as an empty cloud."""
+    """Refined pose and information by the kernel, by what the cameras of `RIG` have seen and by
+    voxels; none at all count as an empty cloud if nothing else is seen."""
+    observed = None
+    if seen is not None:
+        observed = ObservedPoints(Scene(device, RIG, None, body), 300)
+        observed.set(seen)
+    by_voxels = seen is None or len(voxels) > 0
     padded = np.zeros((config.likelihood.n_points, 4), np.float32)
-    if len(points):
-        padded[:] = np.c_[points, np.ones(len(points))]
-    refinement = Refinement(device, body, config, fit=fit)
+    if len(voxels):
+        padded[:] = np.c_[voxels, np.ones(len(voxels))]
+    refinement = Refinement(device, body, config, voxels=by_voxels, observed=observed, fit=fit)
     result = device.to_device(mean.astype(np.float32))
-    for launch in refinement.launcher(device.to_device(padded), result):
+    for launch in refinement.launcher(device.to_device(padded) if by_voxels else None, result):
         launch()
     return result.get(), refinement.information.get()[0]
+
+
+def assert_close(
+    found: tuple[np.ndarray, np.ndarray], expected: tuple[np.ndarray, np.ndarray], atol: float
+) -> None:
+    """The kernel's pose and lower triangle of the information are the twin's."""
+    np.testing.assert_allclose(found[0], expected[0], atol=atol)
+    scale = np.sqrt(np.outer(np.diag(expected[1]), np.diag(expected[1])))
+    lower = np.tril_indices(len(scale))
+    np.testing.assert_allclose(found[1] / scale[lower], (expected[1] / scale)[lower], atol=0.02)
+
+
+def miss(body: BodyModel, pose: np.ndarray, true: np.ndarray) -> float:
+    """The joints' mean distance, m, from those of the true pose."""
+    found, expected = posed_joints(body, np.stack([pose, true]))
+    return float(np.linalg.norm(found - expected, axis=-1).mean())
 
 
 def test_finds_the_way_back() -> None:
@@ -51,11 +74,7 @@ def test_finds_the_way_back() -> None:
     moved = pose + np.random.default_rng(0).normal(0, 2, body.n_dof) * body.sigma
     moved = np.clip(moved, body.lower, body.upper)
     found = refine(body, moved, points, CONFIG, fit=FREE)[0]
-    before, after = (
-        np.linalg.norm(posed_joints(body, p[None]) - posed_joints(body, pose[None]), axis=-1)
-        for p in (moved, found)
-    )
-    assert after.mean() < 0.2 * before.mean()
+    assert miss(body, found, pose) < 0.2 * miss(body, moved, pose)
     assert np.all((found >= body.lower) & (found <= body.upper))
 
 
@@ -83,12 +102,8 @@ def test_kernel_and_twin(device: Device, name: str, n_points: int) -> None:
     random = np.random.default_rng(n_points)
     points = bodies.surface_points(body, pose, n_points) + random.normal(0, 0.01, (n_points, 3))
     mean = np.clip(pose + random.normal(0, 1, body.n_dof) * body.sigma, body.lower, body.upper)
-    found, information = on_device(device, body, mean, points, config, USUAL)
-    expected, matrix = refine(body, mean, points, config, fit=USUAL)
-    np.testing.assert_allclose(found, expected, atol=2e-4)
-    scale = np.sqrt(np.outer(np.diag(matrix), np.diag(matrix)))
-    lower = np.tril_indices(body.n_dof)
-    np.testing.assert_allclose(information / scale[lower], (matrix / scale)[lower], atol=0.02)
+    found = on_device(device, body, mean, points, config, USUAL)
+    assert_close(found, refine(body, mean, points, config, fit=USUAL), 2e-4)
 
 
 def test_several_poses_at_once(device: Device) -> None:
@@ -125,30 +140,6 @@ def test_the_other_kind_of_work_groups_finds_the_same(device: Device) -> None:
         np.testing.assert_allclose(found, expected, atol=5e-4)
 
 
-def on_points(
-    device: Device,
-    body: BodyModel,
-    mean: np.ndarray,
-    voxels: np.ndarray,
-    seen: PointObservations,
-    config: FilterConfig,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Refined pose and information by the kernel, by the cameras of `RIG` and voxels, if any."""
-    scene = Scene(device, RIG, None, body)
-    observed = ObservedPoints(scene, 300)
-    observed.set(seen)
-    refinement = Refinement(
-        device, body, config, voxels=len(voxels) > 0, observed=observed, fit=USUAL
-    )
-    result = device.to_device(mean.astype(np.float32))
-    points = None
-    if len(voxels):
-        points = device.to_device(np.c_[voxels, np.ones(len(voxels))].astype(np.float32))
-    for launch in refinement.launcher(points, result):
-        launch()
-    return result.get(), refinement.information.get()[0]
-
-
 RIG = scenes.ring(3, size=(640, 480))
 
 
@@ -166,11 +157,7 @@ def test_finds_the_way_back_by_what_cameras_see() -> None:
     fit = GaussNewtonFit(steps=8, width=20.0, point_reach=20.0)
     moved = np.clip(pose + random.normal(0, 2, body.n_dof) * body.sigma, body.lower, body.upper)
     found = refine(body, moved, None, CONFIG, (RIG, seen), fit=fit)[0]
-    before, after = (
-        np.linalg.norm(posed_joints(body, p[None]) - posed_joints(body, pose[None]), axis=-1)
-        for p in (moved, found)
-    )
-    assert after.mean() < 0.1 * before.mean()
+    assert miss(body, found, pose) < 0.1 * miss(body, moved, pose)
 
 
 @pytest.mark.parity("tracking/refinement.refine_system", "tracking/refinement.refine_end")
@@ -197,16 +184,11 @@ def test_kernels_and_twin_on_observed_points(
         away = random.random(len(seen)) < 0.05
         seen = replace(seen, pixel=pixel + 300 * away[:, None])
     mean = np.clip(pose + random.normal(0, 1, body.n_dof) * body.sigma, body.lower, body.upper)
-    expected, matrix = refine(body, mean, voxels, config, (RIG, seen), fit=USUAL)
-    scale = np.sqrt(np.outer(np.diag(matrix), np.diag(matrix)))
-    lower = np.tril_indices(body.n_dof)
+    expected = refine(body, mean, voxels, config, (RIG, seen), fit=USUAL)
     with skipped_without_room(device):
         for place in kinds:
-            found, information = on_points(place, body, mean, voxels, seen, config)
-            np.testing.assert_allclose(found, expected, atol=5e-4)
-            np.testing.assert_allclose(
-                information / scale[lower], (matrix / scale)[lower], atol=0.02
-            )
+            found = on_device(place, body, mean, voxels, config, USUAL, seen)
+            assert_close(found, expected, 5e-4)
 
 
 def test_nothing_to_refine_on(device: Device) -> None:

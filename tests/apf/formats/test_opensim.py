@@ -6,11 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers.commands import fail, succeed
 from helpers.opensim import write_model
 from helpers.striders import strider
 
 from apf.body.kinematics import posed_joints
-from apf.cli import main
 from apf.formats.angles import opensim_coordinates
 from apf.formats.opensim.model import read_model
 from apf.formats.opensim.setup import marker_places, scale_factors
@@ -37,9 +37,7 @@ def test_the_scaled_model_has_the_lengths_of_the_body(tmp_path: Path) -> None:
     np.testing.assert_allclose((place - middle)[:2], expected, atol=1e-6)
 
 
-def test_export_writes_the_setup(
-    tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_export_writes_the_setup(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Without OpenSim: a TRC with every marker of marker set and tasks; the model starts in the
     first pose, within its limits. A second export replaces the files."""
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
@@ -47,8 +45,8 @@ def test_export_writes_the_setup(
     track.save(tmp_path / "track.npz")
     wanted = ["--to", "osim", "--osim-model", str(write_model(tmp_path / "model.osim"))]
     for _ in range(2):
-        assert main(["export", str(tmp_path), *wanted]) == 0
-    assert "not installed" in " ".join(capfd.readouterr().out.split())
+        said = succeed("apf", "export", tmp_path, *wanted).out
+    assert "not installed" in " ".join(said.split())
     folder = tmp_path / "opensim"
     made = {path.name for path in folder.iterdir()}
     assert made == {"generic.osim", "markers.trc", "markers.xml", "scaling.xml", "ik.xml"}
@@ -74,14 +72,14 @@ def test_export_writes_the_setup(
     assert started[0] == pytest.approx(min(max(np.radians(knee), 0), 0.01), abs=1e-5)
 
 
-def test_no_model_for_opensim(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_no_model_for_opensim(tmp_path: Path) -> None:
     strider(4).save(tmp_path / "track.npz")
     lacking = write_model(tmp_path / "lacking.osim", left_out="hand_l")
-    assert main(["export", str(tmp_path), "--to", "osim", "--osim-model", str(lacking)]) == 2
-    assert "lacking.osim: no joint that carries hand_l" in " ".join(capfd.readouterr().err.split())
+    said = fail("apf", "export", tmp_path, "--to", "osim", "--osim-model", lacking)
+    assert "lacking.osim: no joint that carries hand_l" in " ".join(said.split())
     assert not (tmp_path / "opensim").exists()
-    assert main(["export", str(tmp_path), "--to", "trc", "--osim-model", str(lacking)]) == 2
-    assert "expected --to osim" in " ".join(capfd.readouterr().err.split())
+    said = fail("apf", "export", tmp_path, "--to", "trc", "--osim-model", lacking)
+    assert "expected --to osim" in " ".join(said.split())
     (tmp_path / "text.osim").write_text("no model")
     with pytest.raises(InputError, match=r"text\.osim: .*expected an OpenSim model"):
         read_model(tmp_path / "text.osim")
@@ -94,7 +92,7 @@ def test_inverse_kinematics_by_opensim(tmp_path: Path) -> None:
             pytest.skip(f"without {package}")
     track = strider(20)
     track.save(tmp_path / "track.npz")
-    assert main(["export", str(tmp_path), "--to", "osim"]) == 0
+    succeed("apf", "export", tmp_path, "--to", "osim")
     lines = (tmp_path / "opensim" / "ik.mot").read_text().splitlines()
     head = lines.index("endheader") + 1
     table = np.array([line.split() for line in lines[head + 1 :]], float)

@@ -7,7 +7,7 @@ from pathlib import Path
 import ezc3d
 import numpy as np
 import pytest
-from helpers import bodies
+from helpers import bodies, tracks
 from helpers.striders import strider, track_of_poses
 from scipy.spatial.transform import Rotation
 
@@ -22,14 +22,12 @@ from cl import InputError
 
 def walk() -> Track:
     """Return a track with a covariance that is lost in frames 3 and 4."""
-    track = strider(10)
-    lost = np.zeros(10, bool)
-    lost[3:5] = True
+    track = tracks.lose(strider(10), [3, 4])
     covariance = np.zeros((10, len(track.joint_names), 3, 3))
     covariance[:] = np.diag([0.01, 0.02, 0.03]) ** 2
     covariance[:, track.joint_names.index("l_ankle")] *= 4
-    covariance[lost] = np.nan
-    return replace(track, diagnostics={"lost": lost, "covariance": covariance})
+    covariance[track.lost] = np.nan
+    return replace(track, diagnostics={**track.diagnostics, "covariance": covariance})
 
 
 def test_ezc3d_reads_points_units_rate_and_residuals(tmp_path: Path) -> None:

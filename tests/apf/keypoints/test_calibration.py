@@ -1,18 +1,17 @@
 """Cameras in metres, Z up, from the keypoints of a body that walks."""
 
 import json
-from dataclasses import replace
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
+from helpers import footage
 from helpers import keypoints as made
-from helpers.calibration import ring
+from helpers.calibration import ring, unplaced
+from helpers.commands import fail, succeed
 from helpers.striders import strider
 
 from apf.body.stature import stature
-from apf.cli import main
 from apf.keypoints.calibration import calibrate_by_keypoints
 from apf.keypoints.keypoints import Keypoints
 from cl import InputError
@@ -35,9 +34,8 @@ def walk() -> tuple[Keypoints, float]:
 
 def test_the_world_has_z_up_and_metres(walk: tuple[Keypoints, float]) -> None:
     keypoints, height = walk
-    bare = [replace(c, R=np.eye(3), t=np.zeros(3)) for c in RIG]
     config = PersonConfig(stature=height, longest_lag=0)
-    found = calibrate_by_keypoints(bare, keypoints, 60.0, config)
+    found = calibrate_by_keypoints(unplaced(list(RIG)), keypoints, 60.0, config)
     own, true = found.rig.centres, RIG.centres
     apart = [np.linalg.norm(of[:, None] - of[None], axis=-1) for of in (own, true)]
     np.testing.assert_allclose(apart[0], apart[1], rtol=0.06)
@@ -47,33 +45,25 @@ def test_the_world_has_z_up_and_metres(walk: tuple[Keypoints, float]) -> None:
 
 
 def test_the_command_writes_cameras_and_names_what_is_missing(
-    walk: tuple[Keypoints, float], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    walk: tuple[Keypoints, float], tmp_path: Path
 ) -> None:
     keypoints, _ = walk
-    (tmp_path / "videos").mkdir()
     for camera in RIG:
-        codec = cv2.VideoWriter.fourcc(*"mp4v")
-        path = str(tmp_path / "videos" / f"{camera.name}.mp4")
-        video = cv2.VideoWriter(path, codec, 60, camera.size)
-        for _ in range(keypoints.n_frames):
-            video.write(np.zeros((*camera.size[::-1], 3), np.uint8))
-        video.release()
+        path = tmp_path / "videos" / f"{camera.name}.mp4"
+        footage.write_video(path, [0] * keypoints.n_frames, 60, camera.size)
     names = {"keypoint_names": keypoints.names, "camera_names": keypoints.camera_names}
     np.savez(tmp_path / "keypoints.npz", keypoints=keypoints.points, **names)
-    lenses = [replace(c, R=np.eye(3), t=np.zeros(3)) for c in RIG]
-    write_toml_tables(tmp_path / "lens.toml", CameraRig(tuple(lenses)))
+    write_toml_tables(tmp_path / "lens.toml", CameraRig(tuple(unplaced(list(RIG)))))
     flags = ["calibrate", str(tmp_path), "--keypoints", str(tmp_path / "keypoints.npz")]
     out = tmp_path / "out"
-    assert main([*flags, "-o", str(out)]) == 2
-    assert "--intrinsics PATH" in capsys.readouterr().err
+    assert "--intrinsics PATH" in fail("apf", *flags, "-o", out)
     settings = tmp_path / "settings.toml"
     settings.write_text("[person]\nlongest_lag = 0\n")
     flags += ["--config", str(settings)]
     flags += ["--intrinsics", str(tmp_path / "lens.toml"), "-o", str(out)]
-    assert main(flags) == 2
-    said = " ".join(capsys.readouterr().err.split())
+    said = " ".join(fail("apf", *flags).split())
     assert "do not confirm" in said and "the whole person is in 0" in said
-    assert main([*flags, "--no-silhouettes"]) == 0
+    succeed("apf", *flags, "--no-silhouettes")
     found = read_calibration(out / "calibration.toml")
     apart = [np.linalg.norm(of[0] - of[2]) for of in (found.centres, RIG.centres)]
     assert abs(apart[0] / apart[1] - 1) < 0.12

@@ -1,7 +1,6 @@
 """OpenPose's JSON in the layouts of several programs, OpenCap's pickles, DeepLabCut's tables,
 persons."""
 
-import csv
 import json
 import pickle
 from collections.abc import Callable
@@ -13,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers import footage, scenes
-from helpers.keypoints import of_poses
+from helpers.keypoints import list_person, of_poses, write_deeplabcut, write_openpose
 
 import apf
 import psfs
@@ -45,23 +44,6 @@ def walked(dx: float = 0.0, dy: float = 0.0, rig: CameraRig = RIG, **options: An
     return of_poses(rig, BODY, poses, **options)
 
 
-def person(points: np.ndarray) -> dict[str, Any]:
-    """Return keypoints (K, 3) as OpenPose lists them, with zeros for missing ones."""
-    return {"person_id": [-1], "pose_keypoints_2d": np.nan_to_num(points).ravel().tolist()}
-
-
-def write(folder: Path, layout: str, *people: Keypoints) -> Path:
-    """Write the JSON files of several persons."""
-    first = people[0]
-    for view, camera in enumerate(first.camera_names):
-        for frame in range(first.n_frames):
-            path = folder / LAYOUTS[layout](camera, frame)
-            path.parent.mkdir(parents=True, exist_ok=True)
-            found = [person(one.points[view, frame].astype(float)) for one in people]
-            path.write_text(json.dumps({"version": 1.3, "people": found}))
-    return folder
-
-
 def same(read: Keypoints, written: Keypoints) -> None:
     assert (read.names, read.camera_names) == (written.names, written.camera_names)
     np.testing.assert_array_equal(read.points, written.points)
@@ -70,7 +52,7 @@ def same(read: Keypoints, written: Keypoints) -> None:
 @pytest.mark.parametrize("layout", LAYOUTS)
 def test_openpose_and_arrays_of_the_same_points_are_equal(tmp_path: Path, layout: str) -> None:
     written = walked(names=BODY_25)
-    write(tmp_path / "json", layout, written)
+    write_openpose(tmp_path / "json", written, path_of=LAYOUTS[layout])
     (tmp_path / "json" / "calibration.json").write_text("{}")  # not every JSON is a frame
     (tmp_path / "json" / "notes_1.json").write_text('{"people": 3, "x": 1}'.replace("people", "y"))
     np.save(tmp_path / "points.npy", written.points)
@@ -89,7 +71,9 @@ def test_alphaposes_results_of_a_video(tmp_path: Path, form: str) -> None:
         path = tmp_path / camera / "alphapose-results.json"
         path.parent.mkdir()
         flat = {
-            f"{frame}.jpg": person(written.points[view, frame].astype(float))["pose_keypoints_2d"]
+            f"{frame}.jpg": list_person(written.points[view, frame].astype(float))[
+                "pose_keypoints_2d"
+            ]
             for frame in range(2, FRAMES)
         }
         content: Any = {
@@ -180,11 +164,8 @@ def test_sleaps_h5(tmp_path: Path) -> None:
 def test_frames_that_begin_later_are_placed_by_their_numbers(tmp_path: Path) -> None:
     sequence = psfs.open_sequence(footage.native(tmp_path / "take", views=4, frames=FRAMES + 10))
     written = walked(rig=sequence.rig)
-    LAYOUTS["from_8"] = lambda camera, frame: f"{camera}/{camera}_{frame + 8}.json"
-    try:
-        folder = write(tmp_path / "json", "from_8", written)
-    finally:
-        del LAYOUTS["from_8"]
+    later = lambda camera, frame: f"{camera}/{camera}_{frame + 8}.json"  # noqa: E731
+    folder = write_openpose(tmp_path / "json", written, path_of=later)
     read = Keypoints.open(folder, sequence)
     np.testing.assert_array_equal(read.points[:, 8 : 8 + FRAMES], written.points)
     assert np.isnan(read.points[:, :8]).all() and np.isnan(read.points[:, 8 + FRAMES :]).all()
@@ -198,7 +179,7 @@ def test_opencaps_pickles_are_read_and_nothing_in_them_is_run(tmp_path: Path) ->
         for view, camera in enumerate(("Cam0", "Cam1", "Cam2", "Cam3")):
             path = session / "Videos" / camera / "OutputPkl_default" / trial / "x_rotated_pp.pkl"
             path.parent.mkdir(parents=True)
-            frames = [[person(points.astype(float))] for points in written.points[view]]
+            frames = [[list_person(points.astype(float))] for points in written.points[view]]
             path.write_bytes(pickle.dumps(frames if trial == "jump" else [[]] * 3 + frames))
     pattern = session / "Videos" / "Cam*" / "OutputPkl*" / "jump"
     same(Keypoints.open(pattern, RIG), written)  # Cam0 for c0, ..., by order
@@ -217,7 +198,7 @@ def test_opencaps_pickles_are_read_and_nothing_in_them_is_run(tmp_path: Path) ->
 
 def test_frames_without_a_file_or_a_person_are_missing(tmp_path: Path) -> None:
     written = walked()
-    write(tmp_path, "pose2sim", written)
+    write_openpose(tmp_path, written, path_of=LAYOUTS["pose2sim"])
     (tmp_path / LAYOUTS["pose2sim"]("c1", 2)).unlink()
     (tmp_path / LAYOUTS["pose2sim"]("c2", 3)).write_text('{"people": []}')
     empty = json.dumps({"people": [{"pose_keypoints_2d": []}]})
@@ -234,7 +215,7 @@ def test_the_person_that_all_cameras_see_alike_is_followed(tmp_path: Path) -> No
     shown = nearer.points.copy()
     shown[2:] = np.nan
     bystander = Keypoints(shown, MEDIAPIPE, subject.camera_names)
-    write(tmp_path, "pose2sim", bystander, subject)
+    write_openpose(tmp_path, bystander, subject, path_of=LAYOUTS["pose2sim"])
     for frame in (1, 4):  # networks do not keep an order
         path = tmp_path / LAYOUTS["pose2sim"]("c0", frame)
         people = json.loads(path.read_text())
@@ -248,7 +229,7 @@ def test_of_two_alike_one_is_followed_in_all_cameras(tmp_path: Path) -> None:
     """Each is the larger one in two cameras."""
     sequence = psfs.open_sequence(footage.native(tmp_path / "take", views=4, frames=FRAMES))
     both = [walked(dx, dy, sequence.rig) for dx, dy in ((0.5, 0.2), (-0.6, -0.2))]
-    write(tmp_path, "pose2sim", *both)
+    write_openpose(tmp_path, *both, path_of=LAYOUTS["pose2sim"])
     for frame in (1, 4):  # networks do not keep an order
         path = tmp_path / LAYOUTS["pose2sim"](sequence.rig.names[0], frame)
         people = json.loads(path.read_text())
@@ -263,29 +244,10 @@ def test_without_cameras_the_surer_person_is_followed(tmp_path: Path) -> None:
     unsure[..., 2] *= 0.4
     unsure[:, 3, :, 2] = 1.0  # for once
     people = Keypoints(unsure, MEDIAPIPE, other.camera_names)
-    read = Keypoints.open(write(tmp_path, "openpose", people, subject), subject.camera_names)
+    read = Keypoints.open(
+        write_openpose(tmp_path, people, subject, path_of=LAYOUTS["openpose"]), subject.camera_names
+    )
     np.testing.assert_array_equal(read.points, subject.points)
-
-
-def table(points: np.ndarray, names: tuple[str, ...], individuals: bool = False) -> list[list[Any]]:
-    """Return the rows of DeepLabCut's csv for (F, K, 3)."""
-    parts = [name for name in names for _ in range(3)]
-    rows = [["scorer", *["DLC_net"] * len(parts)]]
-    rows += [["individuals", *["one"] * len(parts)]] if individuals else []
-    rows += [["bodyparts", *parts], ["coords", *["x", "y", "likelihood"] * len(names)]]
-    for frame, row in enumerate(points.reshape(len(points), -1).astype(float)):
-        rows.append([frame, *("" if np.isnan(value) else float(value) for value in row)])
-    return rows
-
-
-def write_tables(folder: Path, written: Keypoints, individuals: bool = False) -> list[Path]:
-    folder.mkdir(exist_ok=True)
-    paths = []
-    for view, camera in enumerate(written.camera_names):
-        paths.append(folder / f"{camera}DLC_resnet50_walkJan1shuffle1_100000.csv")
-        with paths[-1].open("w", newline="") as file:
-            csv.writer(file).writerows(table(written.points[view], written.names, individuals))
-    return paths
 
 
 @pytest.mark.parametrize("individuals", [False, True])
@@ -294,7 +256,7 @@ def test_deeplabcuts_tables(tmp_path: Path, individuals: bool) -> None:
     hidden = written.points.copy()
     hidden[1, 2, 3] = np.nan
     written = Keypoints(hidden, COCO_17, written.camera_names)
-    paths = write_tables(tmp_path / "dlc", written, individuals)
+    paths = write_deeplabcut(tmp_path / "dlc", written, individuals)
     same(Keypoints.open(tmp_path / "dlc", RIG), written)
     one = Keypoints.open(paths[1], ["c1"])
     np.testing.assert_array_equal(one.points[0], written.points[1])
@@ -304,7 +266,7 @@ def test_deeplabcuts_tables(tmp_path: Path, individuals: bool) -> None:
 
 def test_deeplabcuts_h5_is_its_csv(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     written = walked(names=COCO_17)
-    for path in write_tables(tmp_path, written):
+    for path in write_deeplabcut(tmp_path, written):
         path.with_suffix(".h5").write_bytes(b"not HDF5")
         path.unlink()
     monkeypatch.setitem(__import__("sys").modules, "tables", None)  # as if not installed
@@ -335,7 +297,7 @@ def test_bad_tables_are_one_clear_error(tmp_path: Path) -> None:
             (5, 3, "wide", "line 6: could not convert"),
         )
     ):
-        paths = write_tables(tmp_path / str(number), written)
+        paths = write_deeplabcut(tmp_path / str(number), written)
         for path in paths if row == 0 else paths[:1]:
             rows = [line.split(",") for line in path.read_text().splitlines()]
             rows[row][column] = value
@@ -343,11 +305,11 @@ def test_bad_tables_are_one_clear_error(tmp_path: Path) -> None:
         with pytest.raises(apf.InputError, match=message) as error:
             Keypoints.open(tmp_path / str(number), RIG)
         assert "\n" not in str(error.value)
-    paths = write_tables(tmp_path / "ragged", written)
+    paths = write_deeplabcut(tmp_path / "ragged", written)
     paths[0].write_text(paths[0].read_text() + "6,1,2\n")
     with pytest.raises(apf.InputError, match="line 10 has 3 cells; expected 52"):
         Keypoints.open(tmp_path / "ragged", RIG)
-    paths = write_tables(tmp_path / "parts", written)
+    paths = write_deeplabcut(tmp_path / "parts", written)
     paths[0].write_text(paths[0].read_text().replace("nose", "snout"))
     with pytest.raises(apf.InputError, match=r"body parts of c1 .* are not those of c0"):
         Keypoints.open(tmp_path / "parts", RIG)

@@ -1,25 +1,18 @@
 """Contours of the pictures, and their kernels against the twin."""
 
-from typing import Any
-
 import cv2
 import numpy as np
 import pytest
 from helpers import bodies, scenes
-from helpers.likelihoods import assert_cost_nothing
+from helpers.likelihoods import assert_cost_nothing, observe_pictures
 
 from apf.body.kinematics import posed_cones
-from apf.filters.config import FilterConfig
 from apf.likelihood.contour import FULL_CONTRAST, Contours
 from apf.likelihood.part_colour import list_scored_parts
-from apf.likelihood.voxel import VoxelLikelihood, choose_cone_sampling, make_sample_rows
+from apf.likelihood.voxel import choose_cone_sampling, make_sample_rows
 from apf.reference.image_objective.render import draw_hypotheses
 from apf.reference.likelihood.contour import compute_contours, compute_gradients, contour_means
-from apf.reference.likelihood.voxel import NumpyVoxelLikelihood
-from apf.scene import Scene
-from cl import Device, NumpyDevice
-from psfs.reconstructor import Reconstructor
-from psfs.reference.reconstructor import NumpyReconstructor
+from cl import Device
 
 SONG = bodies.named("song31")
 RIG = scenes.ring(4, (161, 121))
@@ -76,22 +69,17 @@ def test_contours_know_their_direction_and_end_at_the_silhouette() -> None:
 
 @pytest.mark.parity("tracking/contour.differentiate", "tracking/contour.find_contours")
 def test_contours_are_those_of_the_twin(device: Device) -> None:
-    rig, grid = scenes.ring(3), scenes.small_grid(0.08)
-    masks = scenes.masks_of(rig)
-    images = np.random.default_rng(0).integers(0, 256, (*masks.shape, 3)).astype(np.uint8)
+    rig = scenes.ring(3)
+    shape = (len(rig), rig.height, rig.width, 3)
+    images = np.random.default_rng(0).integers(0, 256, shape).astype(np.uint8)
     images[0] = cv2.GaussianBlur(images[0], (0, 0), 2.0)
-    picture: Any = scenes.frame(images=images, masks=masks)
-    config = FilterConfig().likelihood
-    here = VoxelLikelihood(Scene(device, rig, grid, SONG), config, 37)
-    here.observe(Reconstructor(device, rig, grid, None)(picture))
+    here, twin, _ = observe_pictures(device, rig, images)
     term = here.terms["contour"]
     assert isinstance(term, Contours) and term.known
     found, maps = term.contours.get(), here.reprojection.maps.get()
     gradients = compute_gradients(images, maps)
     np.testing.assert_array_equal(found, compute_contours(gradients, maps, FULL_CONTRAST))
     assert np.abs(gradients).max() > 1000 and 0.02 < (found > 0).mean() < 0.98
-    twin = NumpyVoxelLikelihood(Scene(NumpyDevice(), rig, grid, SONG), config)
-    twin.observe(NumpyReconstructor(NumpyDevice(), rig, grid, None)(picture))
     assert ((found > 0) == (twin.terms["contour"].contours > 0)).mean() > 0.98
 
 

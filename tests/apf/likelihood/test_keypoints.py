@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from helpers import bodies, scenes
 from helpers.kinds import other_kind
-from helpers.likelihoods import Setup, only, smooth_maps
+from helpers.likelihoods import Setup, only
 from helpers.sightings import seen_points
 
 from apf.body.toml import load_body
@@ -113,7 +113,7 @@ def test_it_adds_to_another_likelihood(device: Device) -> None:
 def test_the_voxels_kernel_takes_the_term(device: Device, n: int, kind: str) -> None:
     """The voxels' errors grow by what the twin says of the points; misfits do not."""
     device, rig = device if kind == "own" else other_kind(device), scenes.ring(3)
-    setup = Setup(device, SONG, rig, bodies.random_poses(SONG, 23), smooth_maps(rig), only("edge"))
+    setup = Setup(device, SONG, rig, bodies.random_poses(SONG, 23), only("edge"))
     seen = seen_points(SONG, setup.poses[3].astype(float), rig, max(1, n // 3))
     seen = replace(seen, most=350.0) if n else make_empty_observations()
     alone, voxels = setup.errors(), setup.likelihood

@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers import bodies, scenes
+from helpers.likelihoods import observe_pictures
 from helpers.worlds import World
 
 from apf.body.kinematics import posed_cones
@@ -22,7 +23,7 @@ from apf.likelihood.part_colour import (
     list_part_names,
     list_scored_parts,
 )
-from apf.likelihood.voxel import VoxelLikelihood, choose_cone_sampling, make_sample_rows
+from apf.likelihood.voxel import choose_cone_sampling, make_sample_rows
 from apf.reference.image_objective.render import draw_hypotheses
 from apf.reference.likelihood.part_colour import (
     ColourModel,
@@ -31,12 +32,8 @@ from apf.reference.likelihood.part_colour import (
     count_codes,
     encode_colours,
 )
-from apf.reference.likelihood.voxel import NumpyVoxelLikelihood
-from apf.scene import Scene
-from cl import Device, NumpyDevice
+from cl import Device
 from psfs.cameras.camera import CameraRig
-from psfs.reconstructor import Reconstructor
-from psfs.reference.reconstructor import NumpyReconstructor
 
 SONG = bodies.named("song31")
 RIG = scenes.ring(4, (161, 121))
@@ -122,16 +119,10 @@ def test_a_palette_tells_a_persons_colours_apart() -> None:
 
 @pytest.mark.parity("tracking/part_colour.encode_colours")
 def test_codes_agree_with_the_twin(device: Device) -> None:
-    rig, grid = scenes.ring(3), scenes.small_grid(0.08)
-    masks = scenes.masks_of(rig)
-    images = np.random.default_rng(0).integers(0, 256, (*masks.shape, 3)).astype(np.uint8)
-    picture: Any = scenes.frame(images=images, masks=masks)
-    config = FilterConfig().likelihood
-    here = VoxelLikelihood(Scene(device, rig, grid, SONG), config, 37)
-    voxels = Reconstructor(device, rig, grid, None)(picture)
-    here.observe(voxels)
-    twin = NumpyVoxelLikelihood(Scene(NumpyDevice(), rig, grid, SONG), config)
-    twin.observe(NumpyReconstructor(NumpyDevice(), rig, grid, None)(picture))
+    rig = scenes.ring(3)
+    shape = (len(rig), rig.height, rig.width, 3)
+    images = np.random.default_rng(0).integers(0, 256, shape).astype(np.uint8)
+    here, twin, voxels = observe_pictures(device, rig, images)
     colours, codes = here.terms["part_colour"], twin.terms["part_colour"].codes
     assert isinstance(colours, PartColours) and colours.known and codes is not None
     found, maps = colours.codes.get(), here.reprojection.maps.get()[..., 0]

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from helpers import bodies, scenes
 from helpers.kinds import other_kind
-from helpers.likelihoods import Setup, cloud, only, smooth_maps
+from helpers.likelihoods import Setup, only
 from helpers.parity import traced
 
 from apf.body.cones import project_outlines
@@ -31,11 +31,8 @@ def test_inside_of_a_trapezoid_either_way_round() -> None:
 def test_a_hidden_leg_costs_what_it_leaves_uncovered() -> None:
     """Both legs in one leg's silhouette: precision sees nothing amiss, recall does."""
     rig = scenes.ring(4)
-    pose = SONG.rest_pose.copy()
-    pose[SONG.dof_names.index("l_thigh.ry")] -= 0.5
-    hidden = pose.copy()
-    hidden[SONG.dof_names.index("l_thigh.ry")] = SONG.rest_pose[SONG.dof_names.index("l_thigh.ry")]
-    cones = posed_cones(SONG, np.stack([pose, hidden]))
+    pose = bodies.bent(SONG, l_thigh__ry=-0.5)
+    cones = posed_cones(SONG, np.stack([pose, SONG.rest_pose]))
     random = np.random.default_rng(0)
     t = random.uniform(0, 1, (4000, 1))
     of = cones[0][random.integers(len(SONG.cones), size=4000)]
@@ -52,10 +49,8 @@ def test_kernels_agree_with_the_twin(device: Device, views: int, n_voxels: int) 
     indices = np.arange(n_voxels, dtype=np.int32) * max(1, grid.size // 1000)
     poses = bodies.scattered_poses(body, 23)
     config = only("none").with_changes(silhouette_recall_weight=1.5, n_points=300, point_turns=2)
-    setup = Setup(device, body, rig, poses, smooth_maps(rig), config, grid)
-    count = device.to_device(np.array([n_voxels], np.int32))
-    surface = device.to_device(indices if n_voxels else np.zeros(1, np.int32))
-    setup.likelihood.observe(cloud(grid, surface, count))
+    setup = Setup(device, body, rig, poses, config, grid)
+    setup.likelihood.observe(scenes.voxels_at(device, grid, indices))
     points = sampled_surface(grid.centres(indices), 300)
     for turn in (0, 1):
         found = setup.errors(turn) / views
@@ -72,11 +67,10 @@ def test_projected_points_agree_with_the_twin(device: Device, views: int, n_poin
     rig, grid = scenes.ring(views), VoxelGrid.covering(np.full(3, -4.0), np.full(3, 4.0), 0.3)
     config = only("none").with_changes(silhouette_recall_weight=1.5, n_points=n_points)
     poses = bodies.scattered_poses(SONG, 2)
-    setup = Setup(device, SONG, rig, poses, smooth_maps(rig), config, grid)
+    setup = Setup(device, SONG, rig, poses, config, grid)
     indices = np.sort(np.random.default_rng(views).choice(grid.size, 999, replace=False))
-    count, surface = np.array([999], np.int32), device.to_device(indices.astype(np.int32))
     with traced("tracking/surface_samples.sample_surface") as launches:
-        setup.likelihood.observe(cloud(grid, surface, device.to_device(count)))
+        setup.likelihood.observe(scenes.voxels_at(device, grid, indices))
     found = launches[0].after["pixels"].reshape(views, n_points, 2)
     points = sampled_surface(grid.centres(indices), n_points)
     for camera, pixels in zip(rig, found, strict=True):
@@ -98,9 +92,8 @@ def test_the_other_kind_of_work_groups_finds_the_same(device: Device) -> None:
     config = only("none").with_changes(silhouette_recall_weight=1.5, n_points=301, point_turns=2)
     found = []
     for place in (device, other):
-        setup = Setup(place, SONG, rig, poses, smooth_maps(rig), config, grid)
-        count = place.to_device(np.array([len(indices)], np.int32))
-        setup.likelihood.observe(cloud(grid, place.to_device(indices), count))
+        setup = Setup(place, SONG, rig, poses, config, grid)
+        setup.likelihood.observe(scenes.voxels_at(place, grid, indices))
         found.append(setup.errors(1))
     # A sample on the very edge of a trapezoid may fall either way.
     assert np.abs(found[0] - found[1]).max() <= 1.5 * 3 * 2 / 150

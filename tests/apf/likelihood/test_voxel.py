@@ -5,13 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from helpers import bodies, scenes
-from helpers.likelihoods import CONFIG, FRONT, Setup, cloud, only, smooth_maps
+from helpers.likelihoods import CONFIG, FRONT, Setup, only
 
 from apf.body.cones import overlap_errors
 from apf.body.kinematics import posed_cones
 from apf.body.limbs import find_hands
 from apf.body.model import BodyModel
 from apf.body.stature import stature
+from apf.filters.config import FilterConfig
 from apf.initialisation.load import add_load
 from apf.likelihood.config import LikelihoodConfig
 from apf.likelihood.voxel import VoxelLikelihood, choose_cone_sampling
@@ -24,7 +25,7 @@ from apf.reference.likelihood.voxel import (
     total_errors,
 )
 from apf.scene import Scene
-from cl import Array, Device, InputError
+from cl import Device, InputError
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.common.cones import CONE_FLOATS
 from psfs.voxels.grid import VoxelGrid
@@ -38,12 +39,7 @@ def point_sampler(
     """A likelihood that has sampled the surface voxels `indices`; its points (n_points, 4)."""
     config = CONFIG.with_changes(n_points=n_points).likelihood
     likelihood = VoxelLikelihood(Scene(device, scenes.ring(1), grid, body), config, 2)
-    surface: Array = device.empty(grid.size, np.int32)
-    padded = np.full(grid.size, grid.size - 1, np.int32)  # what is beyond `count` is stale
-    padded[: len(indices)] = indices
-    surface.set(padded)
-    count = device.to_device(np.array([len(indices)], np.int32))
-    likelihood.observe(cloud(grid, surface, count))
+    likelihood.observe(scenes.voxels_at(device, grid, indices))
     return likelihood, likelihood.points.get()
 
 
@@ -56,9 +52,7 @@ def test_image_terms_agree_with_the_twin(
 ) -> None:
     """Equal but for samples that rounding moves over a pixel's or the picture's border."""
     body, rig = bodies.named(name), scenes.ring(views)
-    setup = Setup(
-        device, body, rig, bodies.scattered_poses(body, n_particles), smooth_maps(rig), only(term)
-    )
+    setup = Setup(device, body, rig, bodies.scattered_poses(body, n_particles), only(term))
     found, expected = setup.errors() / views, setup.expected(NO_POINTS) / views
     np.testing.assert_allclose(found, expected, atol=0.02)
     assert np.mean(np.abs(found - expected) < 1e-3) > 0.9
@@ -80,9 +74,7 @@ def test_axis_pointing_at_the_camera(device: Device, ends: tuple[float, float], 
         in_images=True,
     )
     body = replace(stick, cones=(cone,), apart=())
-    rig = CameraRig((FRONT,))
-    poses = bodies.random_poses(body, 3)
-    setup = Setup(device, body, rig, poses, smooth_maps(rig), only(term))
+    setup = Setup(device, body, CameraRig((FRONT,)), bodies.random_poses(body, 3), only(term))
     np.testing.assert_allclose(setup.errors(), setup.expected(NO_POINTS), atol=0.03)
     assert (setup.errors() == 1).all() == (ends[1] == 2.5)
 
@@ -91,11 +83,11 @@ def test_many_cameras_are_taken_in_turns(device: Device) -> None:
     """As many as local memory has room for; a body that has no room at all is refused."""
     body, rig = bodies.named("song31"), scenes.ring(32)
     poses = bodies.random_poses(body, 11)
-    setup = Setup(device, body, rig, poses, smooth_maps(rig), CONFIG)
+    setup = Setup(device, body, rig, poses, CONFIG)
     np.testing.assert_allclose(setup.errors(), setup.expected(NO_POINTS), rtol=0.01)
     crowd = replace(body, cones=body.cones * 1000)
     with pytest.raises(InputError, match="bytes of local memory; expected at most"):
-        Setup(device, crowd, rig, poses, setup.maps, CONFIG)
+        Setup(device, crowd, rig, poses, CONFIG)
 
 
 @pytest.mark.parity("tracking/surface_samples.sample_surface")
@@ -123,14 +115,23 @@ def test_surface_kernel_agrees_with_the_twin(
     body, grid = bodies.named(name), VoxelGrid(np.array([-0.9, -0.8, -0.1]), 0.1, (18, 17, 19))
     random = np.random.default_rng(n_voxels)
     indices = np.sort(random.choice(grid.size, n_voxels, replace=False)).astype(np.int32)
-    rig = scenes.ring(1)
     poses = bodies.random_poses(body, 37, wild=True)
-    config = only("surface", n_points=n_points)
-    setup = Setup(device, body, rig, poses, smooth_maps(rig), config, grid)
+    setup = Setup(device, body, scenes.ring(1), poses, only("surface", n_points=n_points), grid)
     setup.likelihood.points.set(point_sampler(device, body, grid, indices, n_points)[1])
     points = sampled_surface(grid.centres(indices), n_points)
     for turn in (0, 2, 5):
         np.testing.assert_allclose(setup.errors(turn), setup.expected(points, turn), atol=1e-4)
+
+
+def observed(
+    device: Device, body: BodyModel, views: int, poses: np.ndarray, config: FilterConfig
+) -> tuple[Setup, np.ndarray]:
+    """A likelihood that has sampled the surface of every seventh voxel; the points by the twin."""
+    grid = scenes.small_grid(0.1)
+    indices = np.arange(0, grid.size, 7, dtype=np.int32)
+    setup = Setup(device, body, scenes.ring(views), poses, config, grid)
+    setup.likelihood.observe(scenes.voxels_at(device, grid, indices))
+    return setup, sampled_surface(grid.centres(indices), config.likelihood.n_points)
 
 
 @pytest.mark.parity("tracking/likelihood.score_poses")
@@ -139,58 +140,36 @@ def test_surface_kernel_agrees_with_the_twin(
     [("song31", 5, {}), ("song31", 1, {"surface_weight": 0.0}), ("stick", 5, {})],
 )
 def test_totals_agree_with_the_twin(device: Device, name: str, views: int, weights: dict) -> None:
-    body, rig = bodies.named(name), scenes.ring(views)
-    config = CONFIG.with_changes(**weights)
-    grid = scenes.small_grid(0.1)
-    indices = np.arange(0, grid.size, 7, dtype=np.int32)
+    body = bodies.named(name)
     poses = bodies.scattered_poses(body, 37)
     poses[-1, [axis[-3:] == ".tz" for axis in body.dof_names]] = 1000  # out of every picture
-    setup = Setup(device, body, rig, poses, smooth_maps(rig), config, grid)
-    count = device.to_device(np.array([len(indices)], np.int32))
-    setup.likelihood.observe(cloud(grid, device.to_device(indices), count))
-    found = setup.errors()
-    expected = setup.expected(sampled_surface(grid.centres(indices), config.likelihood.n_points))
+    setup, points = observed(device, body, views, poses, CONFIG.with_changes(**weights))
+    found, expected = setup.errors(), setup.expected(points)
     assert np.isfinite(found).all()
     close = np.abs(found - expected) < 1e-3 * (1 + expected)
     assert close.mean() > 0.9
     np.testing.assert_allclose(found, expected, rtol=0.03)
-    weights = config.likelihood
-    worst = weights.edge_weight + weights.silhouette_weight
+    worst = setup.config.edge_weight + setup.config.silhouette_weight
     assert found[-1] >= views * worst * (1 - 1e-6) or name == "stick"  # which has no such axis
 
 
 def test_misfit_is_silhouette_and_surface_error_of_one_pose(device: Device) -> None:
-    body, rig, grid = bodies.named("song31"), scenes.ring(5), scenes.small_grid(0.1)
-    indices = np.arange(0, grid.size, 7, dtype=np.int32)
-    poses = bodies.scattered_poses(body, 3)
-    setup = Setup(device, body, rig, poses, smooth_maps(rig), CONFIG, grid)
-    count = device.to_device(np.array([len(indices)], np.int32))
-    setup.likelihood.observe(cloud(grid, device.to_device(indices), count))
+    body = bodies.named("song31")
+    setup, points = observed(device, body, 5, bodies.scattered_poses(body, 3), CONFIG)
     setup.errors()
     for launch in setup.likelihood.misfit_launcher(setup.on_device):
         launch()
-    config = CONFIG.likelihood
-    points = sampled_surface(grid.centres(indices), config.n_points)
-    seen = FrameEvidence(setup.maps, points)
-    expected = sum(
-        total_errors(
-            rig,
-            posed_cones(body, setup.poses[:1]),
-            seen,
-            choose_cone_sampling(body),
-            (),
-            only(term).likelihood,
-        )[0]
-        / len(rig)
-        for term in ("silhouette", "surface")
-    )
+    cones, seen = posed_cones(body, setup.poses[:1]), FrameEvidence(setup.maps, points)
+    given = (setup.rig, cones, seen, choose_cone_sampling(body), ())
+    both = (only(term).likelihood for term in ("silhouette", "surface"))
+    expected = sum(total_errors(*given, weights)[0] / 5 for weights in both)
     assert setup.likelihood.misfits.get()[0] == pytest.approx(expected, rel=2e-3)
 
 
 def test_overlap_kernel_agrees_where_parts_meet(device: Device) -> None:
-    body, rig = bodies.named("song31"), scenes.ring(1)
+    body = bodies.named("song31")
     poses = bodies.random_poses(body, 129, wild=True)
-    setup = Setup(device, body, rig, poses, smooth_maps(rig), only("overlap"))
+    setup = Setup(device, body, scenes.ring(1), poses, only("overlap"))
     expected = setup.expected(NO_POINTS)
     assert (expected > 0.02).mean() > 0.1 and (expected == 0).any()
     np.testing.assert_allclose(setup.errors(), expected, atol=1e-5)
@@ -201,7 +180,7 @@ def test_hands_hold_what_is_carried_before_the_trunk(
     device: Device, ahead: float, hands: int
 ) -> None:
     """Both hands from below or beside; none holds what is on the back."""
-    body, rig = bodies.named("song31"), scenes.ring(2)
+    body = bodies.named("song31")
     ends = np.array([[ahead, 0.1, 0.1], [ahead, 0.1, 0.3]])
     parts = [
         replace(body.cones[0], name=f"load_{k}", bone=0, start=start, end=end)
@@ -210,7 +189,7 @@ def test_hands_hold_what_is_carried_before_the_trunk(
     loaded = add_load(body, parts, stature(body))
     assert len(find_hands(loaded)) == hands and not find_hands(body)
     poses = bodies.random_poses(body, 37, wild=True)
-    setup = Setup(device, loaded, rig, poses, smooth_maps(rig), only("none"))
+    setup = Setup(device, loaded, scenes.ring(2), poses, only("none"))
     expected = setup.expected(NO_POINTS)
     assert (np.ptp(expected) > 0.4) == (hands > 0)
     np.testing.assert_allclose(setup.errors(), expected, atol=1e-4)
@@ -219,11 +198,9 @@ def test_hands_hold_what_is_carried_before_the_trunk(
 @pytest.mark.parametrize("name", ["song31", "stick"])
 @pytest.mark.parametrize("n", [2, 37, 129])
 def test_posture_kernel_agrees(device: Device, name: str, n: int) -> None:
-    body, rig = bodies.named(name), scenes.ring(3)
-    setup = Setup(
-        device, body, rig, bodies.random_poses(body, n, wild=True), smooth_maps(rig),
-        only("posture"),
-    )  # fmt: skip
+    body = bodies.named(name)
+    poses = bodies.random_poses(body, n, wild=True)
+    setup = Setup(device, body, scenes.ring(3), poses, only("posture"))
     expected = setup.expected(NO_POINTS)
     assert (expected > 1).any() == (name == "song31")  # the stick has no posture
     np.testing.assert_allclose(setup.errors(), expected, rtol=1e-4, atol=1e-6)
@@ -231,10 +208,7 @@ def test_posture_kernel_agrees(device: Device, name: str, n: int) -> None:
 
 def card(corners: list, width: float) -> np.ndarray:
     """A round cone (1, 1, CONE_FLOATS) between two corners."""
-    row = np.zeros(CONE_FLOATS)
-    row[0:3], row[4:7], row[3], row[7] = *corners, width / 2, width / 2
-    row[8:11], row[12:15] = [0, 1, 0], [-1, 0, 0]
-    return row[None, None]
+    return bodies.cone(*corners, (width / 2, width / 2), [0, 1, 0])[None, None]
 
 
 UPRIGHT = card([[0, 0, -0.4], [0, 0, 0.4]], 0.2)

@@ -1,6 +1,7 @@
 """Live tracking: the session, and the whole of it from the command line."""
 
 import json
+import shutil
 import threading
 import time
 from collections import deque
@@ -13,23 +14,22 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers import tracks
+from helpers.commands import fail, succeed
 
 from apf.body.kinematics import posed_joints
-from apf.body.toml import load_body, save_body
+from apf.body.toml import load_body
 from apf.cli import live as live_command
-from apf.cli import main
 from apf.cli.live import compare_with_truth
 from apf.evaluation.truth import load_people_truth
 from apf.filters.base import Estimate
 from apf.filters.method import Method
-from apf.formats.pose import read_pose, write_pose
+from apf.formats.pose import read_pose
 from apf.live.cameras import LiveCamera
 from apf.live.config import LiveConfig
 from apf.live.people import make_translation_matrix
 from apf.live.session import STAGES, Live, LiveResult, LiveStart, ObservedFrame
 from apf.live.sources import Newest, Replay, Shot
 from apf.live.timeline import Timeline
-from apf.takes.start import read_given_start
 from apf.tracking.track import Track
 from cl import Device, InputError
 from psfs.sequence import Frame, Sequence
@@ -52,29 +52,24 @@ def test_a_translation_moves_all_joints_alike() -> None:
 
 
 @pytest.fixture(scope="module")
-def filmed(walk: Path) -> Path:
-    """The folder of a walk with body.toml and start.txt, fitted once for all tests."""
-    found = read_given_start(walk, 0, None, walk / "truth.npz", "y-up")
-    assert found is not None
-    save_body(walk / "body.toml", found[0])
-    write_pose(walk / "start.txt", found[1], found[0])
-    return walk
+def filmed(walk: Path, fitted: Path) -> Path:
+    """The folder of a walk with body.toml and start.txt."""
+    return Path(shutil.copytree(fitted, walk, dirs_exist_ok=True))
 
 
 def list_videos(folder: Path) -> list[str]:
     return [str(path) for path in sorted((folder / "videos").iterdir())]
 
 
-def live(folder: Path, out: Path, *more: str) -> int:
+def live(folder: Path, out: Path, *more: str) -> list[str]:
+    """The words of a command."""
     start = ["--body", str(folder / "body.toml"), "--init", str(folder / "start.txt")]
     own = "--truth" in more or "--captures" in more  # whose frames are not the truth's
     truth = [] if own else ["--truth", str(folder / "truth.npz")]
-    return main(["live", str(folder), "-o", str(out), *start, *truth, *more])
+    return ["apf", "live", str(folder), "-o", str(out), *start, *truth, *more]
 
 
-def test_a_recording_from_the_command_line(
-    filmed: Path, tmp_path: Path, monkeypatch, capfd
-) -> None:
+def test_a_recording_from_the_command_line(filmed: Path, tmp_path: Path, monkeypatch) -> None:
     """Takes that were recorded have folders, but for one that no pose was in."""
     run = live_command._run
 
@@ -85,7 +80,7 @@ def test_a_recording_from_the_command_line(
 
     monkeypatch.setattr(live_command, "_run", run_with_takes)
     out = tmp_path / "out"
-    assert live(filmed, out, *FEW) == 0
+    said = succeed(*live(filmed, out, *FEW))
     names = {path.name for path in out.iterdir()}
     assert names >= {"track.npz", "joints.trc", "joints.csv", "live.json", "timeline.png"}
     track, summary = Track.open(out), json.loads((out / "live.json").read_text())
@@ -95,7 +90,6 @@ def test_a_recording_from_the_command_line(
     assert summary["error_mm"] < 80 and summary["lost"] == 0
     assert summary["error_when_known_mm"] is None or summary["error_when_known_mm"] > 0
     assert len(track) + sum(summary["dropped"].values()) <= 4
-    said = capfd.readouterr()
     assert "mean error" in said.out and "poses per second can be found" in said.err
     take, recorded = Track.open(out / "take1"), track.frames >= track.frames[len(track) // 2]
     np.testing.assert_array_equal(take.frames, track.frames[recorded])
@@ -105,7 +99,7 @@ def test_a_recording_from_the_command_line(
 
 def test_videos_as_cameras(filmed: Path, tmp_path: Path) -> None:
     more = ("--fps", "4", "--captures", *list_videos(filmed))
-    assert live(filmed, tmp_path / "out", *more) == 0
+    succeed(*live(filmed, tmp_path / "out", *more))
     track = Track.open(tmp_path / "out")
     assert len(track) >= 1 and not track.lost.any()
     # The grid that follows the first pose holds the person.
@@ -206,22 +200,22 @@ def film(
 
 
 def test_with_one_camera_left_the_run_ends_and_what_was_tracked_is_kept(
-    filmed: Path, tmp_path: Path, monkeypatch, capfd
+    filmed: Path, tmp_path: Path, monkeypatch
 ) -> None:
     names = film(monkeypatch, filmed, dict.fromkeys(["cam01", "cam02", "cam03"], 12), 40)
-    assert live(filmed, tmp_path / "out", *FEW, "--captures", *names) == 2
-    assert "too few cameras are left" in " ".join(capfd.readouterr().err.split())
+    said = fail(*live(filmed, tmp_path / "out", *FEW, "--captures", *names))
+    assert "too few cameras are left" in " ".join(said.split())
     track = Track.open(tmp_path / "out")
     assert len(track) > 0 and not track.lost.all()
     assert not list((tmp_path / "out").glob("parts/*"))
 
 
 def test_a_camera_that_goes_is_told_and_used_again_when_it_comes_back(
-    filmed: Path, tmp_path: Path, monkeypatch, capfd
+    filmed: Path, tmp_path: Path, monkeypatch
 ) -> None:
     names = film(monkeypatch, filmed, {"cam03": 12}, 60, back_after=40)
-    assert live(filmed, tmp_path / "out", *FEW, "--captures", *names) == 0
-    said = " ".join(capfd.readouterr().err.split())
+    ended = succeed(*live(filmed, tmp_path / "out", *FEW, "--captures", *names))
+    said = " ".join(ended.err.split())
     gone, back = (said.index(words) for words in ("gives no more pictures", "gives pictures again"))
     assert gone < back and "cam03" not in said[gone:back].partition("goes on with")[2][:30]
     assert said[:gone].endswith("cam03.mp4 ") and "cam03" in said[back:]
@@ -231,7 +225,7 @@ def test_a_camera_that_goes_is_told_and_used_again_when_it_comes_back(
 
 
 def test_poses_are_on_disk_while_a_run_goes_on_and_stay_there_if_the_disk_is_full(
-    filmed: Path, tmp_path: Path, monkeypatch, capfd
+    filmed: Path, tmp_path: Path, monkeypatch
 ) -> None:
     """In parts that can be joined."""
 
@@ -241,9 +235,9 @@ def test_poses_are_on_disk_while_a_run_goes_on_and_stay_there_if_the_disk_is_ful
     monkeypatch.setattr(live_command, "PART_SECONDS", 0.0)
     monkeypatch.setattr(live_command, "write_people", full)
     names = film(monkeypatch, filmed, {}, 20)
-    assert live(filmed, tmp_path / "out", *FEW, "--captures", *names) == 2
+    said = fail(*live(filmed, tmp_path / "out", *FEW, "--captures", *names))
     folder = tmp_path / "out" / "parts"
-    assert f"what was tracked is in {folder}" in capfd.readouterr().err
+    assert f"what was tracked is in {folder}" in said
     parts = [Track.open(path) for path in sorted(folder.iterdir())]
     assert len(parts) > 1
     assert len({part.diagnostics["ess"].shape[1:] for part in parts}) == 1
@@ -253,12 +247,11 @@ def test_poses_are_on_disk_while_a_run_goes_on_and_stay_there_if_the_disk_is_ful
 
 
 @pytest.mark.parametrize("folder", ["videos", "background"])
-def test_results_do_not_go_among_what_is_read(folder: str, filmed: Path, capfd) -> None:
+def test_results_do_not_go_among_what_is_read(folder: str, filmed: Path) -> None:
     (filmed / "background").mkdir(exist_ok=True)
     before = sorted((filmed / folder).iterdir())
     captures = ["--captures", *list_videos(filmed)] if folder == "background" else []
-    assert live(filmed, filmed / folder, *captures) == 2
-    assert "which is read" in capfd.readouterr().err
+    assert "which is read" in fail(*live(filmed, filmed / folder, *captures))
     assert sorted((filmed / folder).iterdir()) == before
 
 
@@ -402,28 +395,22 @@ def test_two_people_have_a_tracker_each(filmed: Path) -> None:
 
 
 def test_several_people_are_tracked_by_voxels_in_a_stated_volume(
-    filmed: Path, tmp_path: Path, capfd
+    filmed: Path, tmp_path: Path
 ) -> None:
     out = tmp_path / "out"
-    assert live(filmed, out, "--people", "2", "--objective", "sp") == 2
-    assert "--objective sp tracks one person" in capfd.readouterr().err
+    said = fail(*live(filmed, out, "--people", "2", "--objective", "sp"))
+    assert "--objective sp tracks one person" in said
     truth = dict(np.load(filmed / "truth.npz"))
     joints = np.stack([truth["joints"], truth["joints"] + [1.0, 0.0, 0.0]], 1)
-    np.savez(tmp_path / "both.npz", **{**truth, "joints": joints})
-    flags = [
-        "--people",
-        "2",
-        "--init",
-        str(tmp_path / "both.npz"),
-        "--captures",
-        *list_videos(filmed),
-    ]
-    assert main(["live", str(filmed), "-o", str(out), *flags]) == 2
-    assert "expected --volume that holds all people" in capfd.readouterr().err
-    np.savez(tmp_path / "late.npz", **{**truth, "joints": joints, "frames": 9 + np.arange(4)})
-    flags[3] = str(tmp_path / "late.npz")
-    assert main(["live", str(filmed), "-o", str(out), *flags]) == 2
-    assert "late.npz: holds nobody's joints in frame 0" in capfd.readouterr().err
+    late = {"joints": joints, "frames": 9 + np.arange(4)}
+    for changed, expected in (
+        ({"joints": joints}, "expected --volume that holds all people"),
+        (late, "start.npz: holds nobody's joints in frame 0"),
+    ):
+        np.savez(tmp_path / "start.npz", **{**truth, **changed})
+        flags = ["--people", "2", "--init", str(tmp_path / "start.npz"), "--captures"]
+        said = fail("apf", "live", filmed, "-o", out, *flags, *list_videos(filmed))
+        assert expected in said
 
 
 def test_one_is_compared_with_the_nearest(tmp_path: Any) -> None:

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from apf.body.kinematics import posed_joints
 from apf.body.toml import load_body
@@ -73,12 +74,6 @@ def receivers() -> Iterator[list[socket.socket]]:
         return
 
 
-def rotate(turn: np.ndarray, vector: np.ndarray) -> np.ndarray:
-    """Rotate a vector by a quaternion x y z w."""
-    axis, w = turn[:3], turn[3]
-    return vector + 2 * np.cross(axis, np.cross(axis, vector) + w * vector)
-
-
 def test_a_vmc_receiver_sees_the_pose(pose: SentPose, receivers: list[socket.socket]) -> None:
     """Bones placed one in the other, in Unity's axes, lie where the tracker has the joints."""
     pytest.importorskip("pythonosc")
@@ -103,7 +98,7 @@ def place_bone(name: str, bones: dict[str, np.ndarray]) -> np.ndarray:
     parents = {name_for_unity(n.name): name_for_unity(nodes[n.parent].name) for n in nodes[1:]}
     point = np.zeros(3)
     while name in bones:
-        point = bones[name][:3] + rotate(bones[name][3:], point)
+        point = bones[name][:3] + Rotation.from_quat(bones[name][3:]).apply(point)
         name = parents.get(name, "")
     return point
 

@@ -61,7 +61,7 @@ def test_smaller_footage(tmp_path: Path) -> None:
     sequence = Sequence.open(footage.native(tmp_path / "s", frames=2))
     smaller, frame = Smaller(sequence, 0.5), sequence.read(1)
     assert smaller.rig[0].size == (32, 24)
-    small = smaller(frame)
+    small = smaller.resize(frame)
     assert small.images.shape == (3, 24, 32, 3) and small.index == 1
     blocks = frame.images.reshape(3, 24, 2, 32, 2, 3).mean((2, 4))
     assert np.abs(small.images - blocks).max() <= 0.5
@@ -72,7 +72,7 @@ def test_smaller_footage(tmp_path: Path) -> None:
     before, after = (rig[1].project(point)[0] for rig in (sequence.rig, smaller.rig))
     np.testing.assert_allclose(after + 0.5, (before + 0.5) / 2)
     same = Smaller(sequence, 1.0)
-    assert same(frame) is frame and same.background is sequence.background
+    assert same.resize(frame) is frame and same.background is sequence.background
 
 
 def test_pictures_as_fine_as_voxels() -> None:

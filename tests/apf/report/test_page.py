@@ -8,10 +8,10 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from helpers import tracks
+from helpers import footage, tracks
 from helpers.browser import browser
+from helpers.commands import fail, succeed
 
-from apf.cli import main
 from apf.report import PAGE
 from apf.report.agreement import Agreement
 from apf.report.page import encode_page_video, write_page
@@ -167,10 +167,7 @@ def test_videos_are_made_to_fit(tmp_path: Path) -> None:
     small = noise_video(tmp_path / "small.mp4", 5, (320, 240))
     assert encode_page_video(small) == small.read_bytes()
     old = tmp_path / "old.mp4"
-    writer = cv2.VideoWriter(str(old), cv2.VideoWriter.fourcc(*"mp4v"), 25, (320, 240))
-    for _ in range(7):
-        writer.write(np.full((240, 320, 3), 90, np.uint8))
-    writer.release()
+    footage.write_video(old, [90] * 7, size=(320, 240))
     (tmp_path / "new.mp4").write_bytes(encode_page_video(old))
     assert count_frames(tmp_path / "new.mp4") == 7
     assert encode_page_video(tmp_path / "new.mp4") == (tmp_path / "new.mp4").read_bytes()
@@ -179,15 +176,12 @@ def test_videos_are_made_to_fit(tmp_path: Path) -> None:
         encode_page_video(tmp_path / "text.mp4")
 
 
-def test_reports_of_what_is_no_track(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["report", str(tmp_path / "absent")]) == 2
-    assert "no folder" in capsys.readouterr().err
+def test_reports_of_what_is_no_track(tmp_path: Path) -> None:
+    assert "no folder" in fail("apf", "report", tmp_path / "absent")
     tracks.walker().save(tmp_path / "track.npz")
-    assert main(["report", str(tmp_path)]) == 2
-    assert "summary.json: no such file" in capsys.readouterr().err
+    assert "summary.json: no such file" in fail("apf", "report", tmp_path)
     (tmp_path / "summary.json").write_text("{}")
-    assert main(["report", str(tmp_path)]) == 2
-    assert "summary.json: not the summary of an `apf track`" in capsys.readouterr().err
+    assert "summary.json: not the summary of an `apf track`" in fail("apf", "report", tmp_path)
 
 
 def test_content_of_the_page_of_several(tmp_path: Path) -> None:
@@ -224,28 +218,23 @@ def test_people_are_switched_on_and_off(tmp_path: Path) -> None:
         assert errors == []
 
 
-def test_commands_take_all_people_or_say_why_not(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_commands_take_all_people_or_say_why_not(tmp_path: Path) -> None:
     out = tmp_path / "out"
     both = tracks.pair()
-    away = replace(both[1], diagnostics={**both[1].diagnostics, "lost": np.arange(6) < 2})
-    replace(both, tracks=(both[0], away)).save(out)
-    assert main(["export", str(out), "--to", "csv", "--raw", "-o", str(tmp_path / "files")]) == 0
+    replace(both, tracks=(both[0], tracks.lose(both[1], [0, 1]))).save(out)
+    said = succeed("apf", "export", out, "--to", "csv", "--raw", "-o", tmp_path / "files").out
     files = [tmp_path / "files" / f"person{k}" / "angles.csv" for k in (1, 2)]
     assert all(file.exists() for file in files)
-    assert "the person was not there in frames 0-1" in capsys.readouterr().out
-    assert main(["smooth", str(out), "-o", str(tmp_path / "smooth")]) == 0
+    assert "the person was not there in frames 0-1" in said
+    succeed("apf", "smooth", str(out), "-o", str(tmp_path / "smooth"))
     smooth = PeopleTracks.open(tmp_path / "smooth")
     assert [track.smoothing is not None for track in smooth] == [True, True]
     assert smooth.seen[1].tolist() == [2, 3, 4]
-    assert main(["render", str(tmp_path), str(out), "-o", str(tmp_path / "pictures")]) == 2
-    assert "each picture is of one body; expected one's folder, as" in capsys.readouterr().err
+    said = fail("apf", "render", tmp_path, out, "-o", tmp_path / "pictures")
+    assert "each picture is of one body; expected one's folder, as" in said
 
 
-def test_folders_that_hold_no_track_of_a_body_say_what_they_hold(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_folders_that_hold_no_track_of_a_body_say_what_they_hold(tmp_path: Path) -> None:
     for seed in (0, 1):
         tracks.walker(6).save(tmp_path / "seeds" / "person1" / f"seed{seed}" / "track.npz")
     track = tracks.walker(6)
@@ -260,5 +249,4 @@ def test_folders_that_hold_no_track_of_a_body_say_what_they_hold(
             "expected another one: triangulated points have none",
         ),
     ):
-        assert main([command[0], str(tmp_path / command[1]), *command[2:]]) == 2
-        assert said in capsys.readouterr().err
+        assert said in fail("apf", command[0], str(tmp_path / command[1]), *command[2:])

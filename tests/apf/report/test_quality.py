@@ -1,10 +1,11 @@
 """Judging a track without ground truth: wrong limbs and impossible motion, and neither if sound."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers import tracks
+from helpers import bodies, tracks
 from helpers.striders import strider, synthetic_walker
 
 from apf.body.kinematics import posed_cones, posed_joints
@@ -20,8 +21,6 @@ from apf.report.agreement import (
 )
 from apf.report.judged import find_impossible_motion
 from apf.report.quality import Quality
-from apf.synthetic.generate import generate
-from apf.synthetic.scene import SceneConfig
 from apf.synthetic.walk import Walk
 from apf.tracking.track import Track
 from cl import Device
@@ -33,13 +32,10 @@ Scene = tuple[Session, Track]
 
 
 @pytest.fixture(scope="module")
-def scene(tmp_path_factory: pytest.TempPathFactory) -> Scene:
+def scene(small_walk: Path) -> Scene:
     """A walk with the poses that its true joints have."""
-    walk = tmp_path_factory.mktemp("made") / "walk"
-    config = SceneConfig(cameras=4, frames=4, fps=60, size=(240, 180), seed=4)
-    generate(walk, config, Device.best())
-    session = Session(Sequence.open(walk), Device.best())
-    truth, body, poses = load_truth(walk / "truth.npz"), load_body("song31"), []
+    session = Session(Sequence.open(small_walk), Device.best())
+    truth, body, poses = load_truth(small_walk / "truth.npz"), load_body("song31"), []
     for joints in truth.joints:
         named = dict(zip(truth.joint_names, joints, strict=True))
         body, pose, _ = fit_to_joints(body, named)
@@ -139,9 +135,8 @@ def test_a_short_clip_is_not_called_good(good: Quality) -> None:
 def test_a_track_of_the_opposite_posture_is_bad(scene: Scene) -> None:
     """Doubtful limbs in all frames, which the silhouettes deny as well."""
     track = scene[1]
-    poses = track.poses.copy()
-    for name, by in (("l_upper_arm.ry", -1.4), ("r_upper_arm.ry", -1.4), ("l_thigh.ry", 1.2)):
-        poses[:, track.dof_names.index(name)] += by
+    changes = {"l_upper_arm__ry": -1.4, "r_upper_arm__ry": -1.4, "l_thigh__ry": 1.2}
+    poses = bodies.bent(track.its_body, track.poses, **changes)
     assert judged(scene, tracked(track.its_body, poses)).verdict == "bad"
 
 
@@ -173,13 +168,12 @@ def test_the_body_s_own_points_are_near_it(scene: Scene) -> None:
 
 def test_lost_frames_and_unsure_ends() -> None:
     """Without any pictures."""
-    track = tracks.walker(30, start=10)
+    track = tracks.lose(tracks.walker(30, start=10), [20, 21])
     covariance = np.tile(0.02**2 * np.eye(3), (30, 15, 1, 1))
     covariance[4, track.joint_names.index("r_wrist")] *= 100
-    covariance[20:22] = np.nan
-    lost = np.zeros(30, bool)
-    lost[20:22] = True
-    quality = Quality(replace(track, diagnostics={"covariance": covariance, "lost": lost}), None)
+    covariance[track.lost] = np.nan
+    told = {**track.diagnostics, "covariance": covariance}
+    quality = Quality(replace(track, diagnostics=told), None)
     assert {what: rows.tolist() for what, rows in quality.doubtful.items()} == {
         "the person, lost": [20, 21],
         "right arm": [4],
@@ -194,9 +188,7 @@ def test_lost_frames_and_unsure_ends() -> None:
 
 
 def test_frames_without_the_person_are_not_judged() -> None:
-    track = tracks.walker(40)
-    lost = np.isin(track.frames, np.arange(10, 21))
-    track = replace(track, diagnostics={"lost": lost})
+    track = tracks.lose(tracks.walker(40), np.arange(10, 21))
     assert Quality(track, None).verdict == "bad"
     assert "11 of 40 frames lost" in Quality(track, None).lines()[0]
     visitor = Quality(track, None, seen=np.delete(track.frames, np.arange(10, 20)))
@@ -255,6 +247,5 @@ def test_frame_rates_that_are_too_high(stroll: Track) -> None:
 
 def test_what_is_not_judged(stroll: Track) -> None:
     fast = replace(stroll, fps=2.2 * stroll.fps)
-    lost = {**fast.diagnostics, "lost": np.ones(len(fast), bool)}
-    assert not find_impossible_motion(replace(fast, diagnostics=lost))
+    assert not find_impossible_motion(tracks.lose(fast, np.arange(len(fast))))
     assert not find_impossible_motion(fast.select(np.arange(2)))

@@ -70,7 +70,6 @@ def test_lost_person_and_limbs_are_named(tmp_path: Path, page: Page) -> None:
     sure[3, 0] = 0.0
     lost = np.arange(10) == 5
     track = replace(track, diagnostics={"lost": lost, "limb_confidence": sure})
-    (tmp_path / "run").mkdir()
     track.save(tmp_path / "run" / "track.npz")
     watch = watch_in(page, tmp_path / "run")
     watch.time_line.seek(3)
@@ -116,8 +115,7 @@ def test_what_a_browser_sends_for_a_file_is_one_of_the_options(tmp_path: Path, p
 
 def test_a_file_that_has_another_beside_it_is_packed_with_it(tmp_path: Path, page: Page) -> None:
     folder = save_track(tmp_path / "runs" / "walk")
-    track = replace(tracks.walker(), diagnostics={"lost": np.arange(30) > 25})
-    track.save(folder / "track.npz")
+    tracks.lose(tracks.walker(), np.arange(26, 30)).save(folder / "track.npz")
     page.open(folder)
     page.export.ending.value = ".mot"
     name, content = page.export.make_file()
@@ -137,7 +135,6 @@ def test_a_folder_that_is_gone_is_named(tmp_path: Path, page: Page) -> None:
 
 def test_running_track_is_watched_by_its_parts(tmp_path: Path, page: Page) -> None:
     run = tmp_path / "run"
-    (run / "parts").mkdir(parents=True)
     tracks.walker(6).save(run / "parts" / "track_000000000.npz")
     assert len(watch_in(page, run).opened.frames) == 6
 

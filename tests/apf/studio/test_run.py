@@ -12,12 +12,11 @@ from typing import Any
 import numpy as np
 import pytest
 import tomli_w
-from helpers.commands import state_track
+from helpers.commands import state_track, succeed
 from scipy.spatial.transform import Rotation
 
 pytest.importorskip("viser", reason="viser is not installed")
 
-from apf.cli import main
 from apf.request import TrackRequest
 from apf.studio.folders import Roots
 from apf.studio.footage import FootageView
@@ -140,7 +139,7 @@ def test_page_tracks_corrects_and_takes_home(page: Page, take: Path, tmp_path: P
     assert request.method.filter.search.n_particles == 60
     settings = tmp_path / "settings.toml"
     settings.write_text(tomli_w.dumps(dict(request.stated.tables)))
-    assert main(["track", *state_flags(request), "--config", str(settings)]) == 0
+    succeed("apf", "track", *state_flags(request), "--config", str(settings))
     page.roots.add(first)
     page.open(first)
     watch = page.view
@@ -170,7 +169,7 @@ def test_page_tracks_corrects_and_takes_home(page: Page, take: Path, tmp_path: P
     assert work is not None
     wait_for(lambda: work.ended)
     assert work.succeeded, work.words
-    wait_for(lambda: page.view is not watch and not run.line.cancel.visible)
+    wait_for(lambda: page.view not in (watch, None) and not run.line.cancel.visible)
     assert isinstance(page.view, TrackWatch) and page.view.opened.frames.tolist() == [0, 1, 2]
     better = Track.open(work.output)
     off = np.linalg.norm(np.stack([t.joints[1, wrist] for t in (track, better)]) - goal, axis=1)

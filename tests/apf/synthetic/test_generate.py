@@ -137,11 +137,11 @@ def test_folder_is_whole(folder: Path, scene: SyntheticScene) -> None:
             assert count == frames
     truth = np.load(folder / "truth.npz")
     assert list(truth["joint_names"]) == scene.joint_names
-    np.testing.assert_array_equal(truth["joints"], scene.joints)
+    np.testing.assert_array_equal(truth["joints"], scene.people_joints[0])
     assert truth["fps"] == SMALL.fps
     rows = (folder / "truth.trc").read_text().splitlines()[6:]
     first = np.array(rows[0].split("\t")[2:], float).reshape(-1, 3) / 1000
-    expected = scene.joints[0][:, [0, 2, 1]] * [1, 1, -1]
+    expected = scene.people_joints[0, 0][:, [0, 2, 1]] * [1, 1, -1]
     np.testing.assert_allclose(first, expected, atol=1e-6)
     assert len(rows) == SMALL.frames
     mask = cv2.imread(str(folder / "truth_masks" / "cam02_000010.png"), cv2.IMREAD_UNCHANGED)

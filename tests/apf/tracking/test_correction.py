@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers import tracks
+from helpers import bodies, tracks
 from helpers.scenes import ring
 
 from apf.body.kinematics import posed_joints
@@ -114,9 +114,8 @@ def estimate(pose: np.ndarray) -> Estimate:
 
 def test_new_stretch_fades_into_the_track() -> None:
     track = tracks.walker(30)
-    shift = np.zeros(SONG.n_dof)
-    shift[SONG.dof_names.index("pelvis.tz")] = 0.3
-    found = {frame: estimate(track.poses[frame] + shift) for frame in range(8, 20)}
+    raised = bodies.bent(SONG, track.poses, pelvis__tz=0.3)
+    found = {frame: estimate(raised[frame]) for frame in range(8, 20)}
     new = splice_estimates(track, found, [12])
     lifted = (new.poses - track.poses)[:, SONG.dof_names.index("pelvis.tz")]
     assert np.allclose(lifted[[7, 8, 9, 10, 11, 12, 17, 18, 19, 20]] / 0.3,

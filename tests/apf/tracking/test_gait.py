@@ -63,10 +63,7 @@ def test_who_does_not_walk() -> None:
 
 def test_no_step_is_counted_across_lost_frames() -> None:
     track = strider(300)
-    whole = measure_gait(track)
-    lost = np.zeros(300, bool)
-    lost[100:110] = True
-    parted = measure_gait(replace(track, diagnostics={"lost": lost}))
+    whole, parted = measure_gait(track), measure_gait(tracks.lose(track, np.arange(100, 110)))
     assert whole is not None and parted is not None
     assert parted.n_steps < whole.n_steps
     assert all(event.frame >= 110 for event in parted.events)

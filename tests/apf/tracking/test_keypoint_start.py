@@ -4,7 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from helpers import scenes
+from helpers import bodies, scenes
 from helpers.keypoints import of_poses
 
 import apf
@@ -31,11 +31,8 @@ N = 10
 
 def poses() -> np.ndarray:
     """(N, D) a person who turns while an arm goes up."""
-    time = np.arange(N)[:, None] / N
-    found = np.tile(BODY.rest_pose, (N, 1))
-    found[:, BODY.dof_names.index("pelvis.rz")] = 0.6 * time[:, 0]
-    found[:, BODY.dof_names.index("l_upper_arm.rx")] = 1.5 * time[:, 0]
-    return found
+    time, rest = np.arange(N) / N, np.tile(BODY.rest_pose, (N, 1))
+    return bodies.bent(BODY, rest, pelvis__rz=0.6 * time, l_upper_arm__rx=1.5 * time)
 
 
 class Blind:

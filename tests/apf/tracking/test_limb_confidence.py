@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers import tracks
+from helpers import bodies, tracks
 
 from apf.body.limbs import limb_ends, limb_names
 from apf.body.toml import load_body
@@ -16,17 +16,11 @@ BODY = load_body("song31")
 ARM = limb_names(BODY).index("left arm")
 
 
-def moved(dof: str, by: float) -> np.ndarray:
-    pose = BODY.rest_pose.copy()
-    pose[BODY.dof_names.index(dof)] += by
-    return pose
-
-
 def test_margins_are_those_of_the_best_candidate_elsewhere() -> None:
     """What has the arm nearby does not count, however well it fits; errors are shares of that of
     the candidate that was taken, here the second."""
-    raised, nearby, bent = (moved("l_upper_arm.rx", by) for by in (1.2, 0.05, 0.9))
-    legs = moved("r_thigh.ry", 0.8)
+    raised, nearby, bent = (bodies.bent(BODY, l_upper_arm__rx=by) for by in (1.2, 0.05, 0.9))
+    legs = bodies.bent(BODY, r_thigh__ry=0.8)
     candidates = np.stack([nearby, BODY.rest_pose, raised, bent, legs])[None]
     errors = np.array([[4.01, 4.0, 6.0, 5.0, 4.4]])
     margins = limb_margins(BODY, BODY.rest_pose[None], candidates, errors)[0]

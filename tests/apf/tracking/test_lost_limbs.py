@@ -10,9 +10,9 @@ import numpy as np
 import pygltflib
 import pytest
 from helpers import tracks
+from helpers.commands import succeed
 
 from apf.body.limbs import limb_names
-from apf.cli import main
 from apf.evaluation.evaluate import evaluate
 from apf.formats.angles import write_angle_csv
 from apf.formats.trc import read_trc
@@ -84,10 +84,10 @@ def test_every_file_says_it(track: Track, tmp_path: Path) -> None:
     assert not rows[11]["l_elbow_flexion_deg"] and rows[11]["r_elbow_flexion_deg"]
 
 
-def test_commands_keep_and_say_it(track: Track, tmp_path: Path, capsys) -> None:
+def test_commands_keep_and_say_it(track: Track, tmp_path: Path) -> None:
     track.save(tmp_path / "track.npz")
-    assert main(["export", str(tmp_path), "-o", str(tmp_path / "out"), "--to", "trc", "bvh"]) == 0
-    assert "left arm in 10-13" in " ".join(capsys.readouterr().out.split())
+    said = succeed("apf", "export", tmp_path, "-o", tmp_path / "out", "--to", "trc", "bvh").out
+    assert "left arm in 10-13" in " ".join(said.split())
     np.testing.assert_array_equal(smooth_track(track).lost_limbs, track.lost_limbs)
     found = evaluate(track, tracks.truth_of(track))
     assert found.predicted_lost_fraction == {"left arm": pytest.approx(4 / 30)}
@@ -96,8 +96,7 @@ def test_commands_keep_and_say_it(track: Track, tmp_path: Path, capsys) -> None:
 
 def test_a_report_looks_at_it(track: Track) -> None:
     """Where the person is lost no limb is lost besides."""
-    lost = np.arange(len(track)) == 12
-    quality = Quality(replace(track, diagnostics={**track.diagnostics, "lost": lost}), None)
+    quality = Quality(tracks.lose(track, 12), None)
     assert quality.doubtful["left arm"].tolist() == [10, 11, 13]
     facts = quality.facts()
     assert facts["lost_limbs"] == dict.fromkeys(limb_names(track.its_body), "") | {

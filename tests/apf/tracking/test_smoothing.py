@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers import tracks
+from helpers.commands import succeed
 
 from apf.body.kinematics import posed_joints
 from apf.body.toml import load_body, save_body
-from apf.cli import main
 from apf.tracking.smoothing import SmoothingConfig, find_unbroken_parts, smooth_series, smooth_track
 from apf.tracking.track import Track
 
@@ -88,10 +88,8 @@ def test_other_angles_of_the_same_rotation_move_no_limb() -> None:
 
 
 def test_lost_frames_stay_as_they_are() -> None:
-    _, track = jittery()
-    lost = np.zeros(len(track), bool)
-    lost[50:60] = lost[0] = True
-    track = replace(track, diagnostics={"lost": lost})
+    track = tracks.lose(jittery()[1], [0, *range(50, 60)])
+    lost = track.lost
     assert find_unbroken_parts(track) == [slice(1, 50), slice(60, 120)]
     found = smooth_track(track)
     np.testing.assert_array_equal(found.lost, lost)
@@ -114,7 +112,7 @@ def test_the_command(tmp_path: Path) -> None:
     _, track = jittery()
     track.save(tmp_path / "a" / "track.npz")
     save_body(tmp_path / "a" / "body.toml", BODY)
-    assert main(["smooth", str(tmp_path / "a"), "-o", str(tmp_path / "b"), "--lag", "4"]) == 0
+    succeed("apf", "smooth", str(tmp_path / "a"), "-o", str(tmp_path / "b"), "--lag", "4")
     names = {path.name for path in (tmp_path / "b").iterdir()}
     assert names == {
         "track.npz",

@@ -72,6 +72,22 @@ def session_of(shown: dict[range, np.ndarray]) -> Session:
     return session
 
 
+def with_error(
+    error: float, misfit: float = 1.0, off: float = 0.0, poses: np.ndarray | None = None
+) -> Tracked:
+    """A walker's track of this cost, whose joints are `off` m, or who has other poses."""
+    track = walker()
+    costs = {
+        "best_log_weight": np.full((len(track), 1), -float(error)),
+        "misfit": np.full(len(track), misfit),
+    }
+    poses = track.poses if poses is None else poses
+    diagnostics = track.diagnostics | costs
+    return Tracked(
+        [replace(track, joints=track.joints + off, poses=poses, diagnostics=diagnostics)]
+    )
+
+
 def start_in(track: Track, row: int) -> Start:
     """A start in one frame of a track."""
     shape = np.zeros(len(ShapeModel(track.its_body).deviation))
@@ -134,16 +150,7 @@ def test_the_take_decides_between_starts(monkeypatch: pytest.MonkeyPatch) -> Non
     """They have other headings, or are in another frame. Cost is error times misfit. The
     best one's body is fitted to the take for as long as it costs less."""
     track = walker()
-
-    def with_error(error: float, misfit: float, off: float) -> Tracked:
-        changed = {
-            "best_log_weight": np.full((len(track), 1), -error),
-            "misfit": np.full(len(track), misfit),
-        }
-        diagnostics = {**track.diagnostics, **changed}
-        return Tracked([replace(track, joints=track.joints + off, diagnostics=diagnostics)])
-
-    results = [with_error(20.0, 0.2, 0.0), with_error(16.0, 0.2, 1.0), with_error(17.0, 0.2, 1.01)]
+    results = [with_error(error, 0.2, off) for error, off in ((20, 0), (16, 1.0), (17, 1.01))]
     costs = list[float]()
 
     def track_people(runs: list[TrackingRun], progress: object) -> list[Tracked]:
@@ -188,15 +195,7 @@ def test_people_walk_forward(monkeypatch: pytest.MonkeyPatch, error: float, fram
     """Who faces away and moves backwards through the take must fit clearly better."""
     track = walker()
     poses = track.poses + np.pi * np.eye(len(track.dof_names))[track.dof_names.index("pelvis.rz")]
-
-    def with_error(error: float, poses: np.ndarray) -> Tracked:
-        errors = {
-            "best_log_weight": np.full((len(track), 1), -error),
-            "misfit": np.ones(len(track)),
-        }
-        return Tracked([replace(track, poses=poses, diagnostics=errors)])
-
-    both = [with_error(10.0, track.poses), with_error(error, poses)]
+    both = [with_error(10.0), with_error(error, poses=poses)]
     monkeypatch.setattr(take, "track_people", lambda *args: both)
     monkeypatch.setattr(take, "_refit", lambda *args: [])
     start = replace(start_in(track, 4), rivals=(start_in(track, 5),))
@@ -211,14 +210,6 @@ def test_what_the_person_carries_becomes_a_part_of_the_body(
 ) -> None:
     """Arms were where the load is: a start that is sought anew counts, unless it costs more."""
     track = walker()
-
-    def with_error(error: float) -> Tracked:
-        errors = {
-            "best_log_weight": np.full((len(track), 1), -error),
-            "misfit": np.ones(len(track)),
-        }
-        return Tracked([replace(track, diagnostics=track.diagnostics | errors)])
-
     tracked = [[with_error(error) for error in errors] for errors in ((1.0,), costs, (1.0,))]
     load = [replace(track.its_body.cones[0], name="load_1", bone=0)]
     sought, started_from = list[BodyModel](), list[int]()

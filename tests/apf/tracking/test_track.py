@@ -23,12 +23,8 @@ def test_npz_round_trip(tmp_path: Path) -> None:
     track.save(tmp_path / "run" / "track.npz")
     for path in (tmp_path / "run" / "track.npz", tmp_path / "run"):
         again = Track.open(path)
-        for name in ("body_name", "dof_names", "joint_names", "fps", "provenance"):
-            assert getattr(again, name) == getattr(track, name)
-        for name in ("frames", "poses", "joints", "edges"):
-            np.testing.assert_array_equal(getattr(again, name), getattr(track, name))
         assert set(again.diagnostics) == {"ess", "best_log_weight"}
-        np.testing.assert_array_equal(again.diagnostics["ess"], track.diagnostics["ess"])
+        np.testing.assert_equal(*({**vars(one), "body": None} for one in (again, track)))
     assert [p.name for p in (tmp_path / "run").iterdir()] == ["track.npz"]  # nothing temporary
 
 

@@ -1,20 +1,21 @@
 """A track from keypoints alone, and `apf track --method triangulate`."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 from helpers import footage
-from helpers.keypoints import of_poses, world_points
+from helpers.commands import fail, run, succeed
+from helpers.keypoints import of_poses, world_points, write_openpose
 from helpers.shared import shared_data
 
 import apf
 import psfs
 from apf.body.kinematics import posed_joints
 from apf.body.toml import load_body
-from apf.cli import main
 from apf.formats.trc import read_trc
 from apf.keypoints.keypoints import Keypoints, TriangulationConfig
 from apf.keypoints.readers.orders import BODY_25, MEDIAPIPE
@@ -38,12 +39,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
         folder / "keypoints.npz", keypoints=seen.points, keypoint_names=MEDIAPIPE,
         camera_names=rig.names,
     )  # fmt: skip
-    for camera, view in zip(rig.names, of_poses(rig, BODY, POSES, BODY_25).points, strict=True):
-        (folder / "pose" / f"{camera}_json").mkdir(parents=True)
-        for frame, points in enumerate(view):
-            people = [{"pose_keypoints_2d": np.nan_to_num(points).ravel().tolist()}]
-            path = folder / "pose" / f"{camera}_json" / f"{camera}_{frame:06d}.json"
-            path.write_text(json.dumps({"people": people}))
+    write_openpose(folder / "pose", of_poses(rig, BODY, POSES, BODY_25))
     return folder
 
 
@@ -93,17 +89,14 @@ def test_what_cannot_be_triangulated_is_an_error(folder: Path) -> None:
         triangulate_track(sequence, keypoints, TriangulatedConfig(triangulation=limits))
 
 
-def command(folder: Path, out: Path, *more: str) -> int:
+def command(folder: Path, out: Path, *more: str) -> list[str]:
     given = ["--keypoints", "keypoints.npz"] if "--keypoints" not in more else []
-    return main(["track", str(folder), "-o", str(out), "--method", "triangulate", *given, *more])
+    return ["apf", "track", str(folder), "-o", str(out), "--method", "triangulate", *given, *more]
 
 
-def test_command_writes_a_track(
-    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_command_writes_a_track(folder: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
-    assert command(folder, out, "--low-pass", "4", "--frames", "0:30") == 0
-    said = capsys.readouterr()
+    said = succeed(*command(folder, out, "--low-pass", "4", "--frames", "0:30"))
     assert "30 frames triangulated" in said.out and "33 points of 3.0 cameras" in said.out
     names = {path.name for path in out.iterdir()}
     files = {"track.npz", "joints.trc", "joints.csv", "overlay.mp4", "settings.toml"}
@@ -114,28 +107,24 @@ def test_command_writes_a_track(
     video = cv2.VideoCapture(str(out / "overlay.mp4"))
     assert video.get(cv2.CAP_PROP_FRAME_COUNT) == 30
     again = tmp_path / "again"
-    assert main(["track", str(folder), "-o", str(again), "--config", str(out / "settings.toml"),
-                 "--no-overlay", "--frames", "0:30"]) == 0  # fmt: skip
+    settings = ["--config", str(out / "settings.toml"), "--no-overlay", "--frames", "0:30"]
+    succeed("apf", "track", folder, "-o", again, *settings)
     np.testing.assert_array_equal(apf.Track.open(again).joints, track.joints)
 
 
 def test_command_takes_other_formats_some_cameras_and_several_takes(
-    folder: Path,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     few = ["--no-overlay", "--frames", "0:3"]
-    assert command(folder, tmp_path / "a", *few, "--keypoints", "pose") == 0
-    assert command(folder, tmp_path / "b", *few, "--keypoints", str(folder / "p*")) == 0
+    succeed(*command(folder, tmp_path / "a", *few, "--keypoints", "pose"))
+    succeed(*command(folder, tmp_path / "b", *few, "--keypoints", str(folder / "p*")))
     a, b = (apf.Track.open(tmp_path / name) for name in "ab")
     np.testing.assert_array_equal(a.joints, b.joints)
     np.savez(folder.parent / "order.npz", keypoints=Keypoints.open(folder).points)
     monkeypatch.chdir(folder.parent)
     two = ["--keypoints", "order.npz", "--cameras", "cam01,cam03"]
-    capsys.readouterr()
-    assert command(folder, tmp_path / "c", *few, *two) == 0
-    assert "note: " in (said := capsys.readouterr().out) and "3 for cam03" in said
+    said = succeed(*command(folder, tmp_path / "c", *few, *two)).out
+    assert "note: " in said and "3 for cam03" in said
     c = apf.Track.open(tmp_path / "c")
     assert c.diagnostics["cameras_used"].max() == 2
     np.testing.assert_allclose(c.joints, world_points(BODY, POSES[:3], MEDIAPIPE), atol=1e-4)
@@ -144,9 +133,9 @@ def test_command_takes_other_formats_some_cameras_and_several_takes(
         other.symlink_to(footage.native(tmp_path / "other", frames=3))
     flags = ["--method", "triangulate", "--keypoints", "keypoints.npz", *few]
     takes = [str(folder), str(tmp_path / "other")]
-    assert main(["track", *takes, "-o", str(tmp_path / "both"), *flags]) == 2
-    said = capsys.readouterr()
-    assert "other failed" in said.out and "1 of 2 takes failed: other" in said.err
+    said = run("apf", "track", *takes, "-o", tmp_path / "both", *flags)
+    assert said.code == 2 and "other failed" in said.out
+    assert "1 of 2 takes failed: other" in said.err
     assert len(apf.Track.open(tmp_path / "both" / "walk")) == 3
 
 
@@ -155,23 +144,21 @@ def pose_of_two(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """OpenPose's lists of two people at two places; the order of the people changes from picture to
     picture."""
     rig, out = psfs.open_sequence(folder).rig, tmp_path_factory.mktemp("pose_of_two")
-    both = [of_poses(rig, BODY, poses, BODY_25).points for poses in (POSES, MOVED)]
-    for view, camera in enumerate(rig.names):
-        for frame in range(FRAMES):
-            order = both if (view + frame) % 2 else both[::-1]
-            lists = [np.nan_to_num(one[view, frame]).ravel().tolist() for one in order]
-            path = out / f"{camera}_json" / f"{camera}_{frame:06d}.json"
-            path.parent.mkdir(exist_ok=True)
-            path.write_text(json.dumps({"people": [{"pose_keypoints_2d": o} for o in lists]}))
+    both = [of_poses(rig, BODY, poses, BODY_25) for poses in (POSES, MOVED)]
+    points = np.stack([one.points for one in both])
+    for view, frame in np.ndindex(points.shape[1:3]):
+        points[:, view, frame] = points[:: 1 if (view + frame) % 2 else -1, view, frame]
+    write_openpose(
+        out, *(replace(one, points=each) for one, each in zip(both, points, strict=True))
+    )
     return out
 
 
 def test_several_people_are_triangulated_apart(
-    folder: Path, pose_of_two: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    folder: Path, pose_of_two: Path, tmp_path: Path
 ) -> None:
     flags = ["--keypoints", str(pose_of_two), "--people", "auto", "--frames", "5:35"]
-    assert command(folder, tmp_path / "out", *flags) == 0
-    assert "person2: " in capsys.readouterr().out
+    assert "person2: " in succeed(*command(folder, tmp_path / "out", *flags)).out
     people = apf.PeopleTracks.open(tmp_path / "out")
     assert people.counts.tolist() == [2] * 30
     true = [world_points(BODY, poses, people[0].joint_names)[5:35] for poses in (POSES, MOVED)]
@@ -179,17 +166,19 @@ def test_several_people_are_triangulated_apart(
         errors = [np.nanmax(np.linalg.norm(track.joints - joints, axis=-1)) for joints in true]
         assert min(errors) < 1e-3 and max(errors) > 0.5
     assert (tmp_path / "out" / "overlay.mp4").exists()
-    assert command(folder, tmp_path / "o", *flags, "--people", "2", "--cameras", "cam01,cam02") == 2
-    assert "assigned in all cameras" in capsys.readouterr().err
+    said = fail(
+        *command(folder, tmp_path / "o", *flags, "--people", "2", "--cameras", "cam01,cam02")
+    )
+    assert "assigned in all cameras" in said
 
 
 def test_several_people_are_tracked_by_keypoints_alone(
-    folder: Path, pose_of_two: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    folder: Path, pose_of_two: Path, tmp_path: Path
 ) -> None:
     flags = ["--keypoints", str(pose_of_two), "--objective", "keypoints", "--frames", "5:7"]
     flags += ["--body", "song31", "--particles", "60", "--layers", "3"]
     flags += ["--no-overlay", "--no-report"]
-    assert main(["track", str(folder), "-o", str(tmp_path / "out"), *flags]) == 0
+    succeed("apf", "track", str(folder), "-o", str(tmp_path / "out"), *flags)
     people = apf.PeopleTracks.open(tmp_path / "out")
     assert people.counts.tolist() == [2] * 2
     true = [posed_joints(BODY, poses[5:7]) for poses in (POSES, MOVED)]
@@ -204,8 +193,7 @@ def test_several_people_are_tracked_by_keypoints_alone(
     )  # fmt: skip
     for track, again in zip(people, same, strict=True):  # by the library as by the command
         np.testing.assert_array_equal(track.poses, again.poses)
-    assert main(["track", str(folder), "-o", str(tmp_path / "without"), *flags[2:]]) == 2
-    assert "none were given" in capsys.readouterr().err
+    assert "none were given" in fail("apf", "track", folder, "-o", tmp_path / "without", *flags[2:])
 
 
 #: mm, means over shoulders, elbows, wrists, hips, knees and ankles: the shared KEYPOINTS.md.

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -32,16 +33,12 @@ RIGHT_ARM = limb_names(BODY).index("right arm")
 ARM = BODY.dof_names.index("r_upper_arm.rx")
 
 
-def estimate(pose: np.ndarray, lost: bool = False) -> Estimate:
+def estimate(pose: np.ndarray, lost: bool = False, body: BodyModel = BODY) -> Estimate:
     ones = np.ones(2)
-    return Estimate(BODY, pose, 0.02 * np.ones(BODY.n_dof), ones, ones, ones, lost=lost)
+    return Estimate(body, pose, np.full(body.n_dof, 0.02), ones, ones, ones, lost=lost)
 
 
-def moved(pose: np.ndarray, **angles: float) -> np.ndarray:
-    pose = pose.copy()
-    for name, change in angles.items():
-        pose[BODY.dof_names.index(name.replace("__", "."))] += change
-    return pose
+moved = partial(bodies.bent, BODY)
 
 
 def together(
@@ -104,8 +101,7 @@ def test_every_body_has_both_ways(name: str) -> None:
     """Those without limbs, or without a joint beside them, too."""
     body = bodies.named(name)
     poses = bodies.random_poses(body, 3)
-    ones = np.ones(2)
-    way = [Estimate(body, pose, np.full(body.n_dof, 0.02), ones, ones, ones) for pose in poses]
+    way = [estimate(pose, body=body) for pose in poses]
     found = fuse_passes(list(zip(way, way, strict=True)), np.zeros((3, 2)))
     np.testing.assert_allclose([one.pose for one in found], poses, atol=1e-12)
 

@@ -6,12 +6,12 @@ import cv2
 import numpy as np
 import pytest
 from helpers import footage, scenes
+from helpers.commands import fail
 from helpers.parity import traced
 
 from cl import Device
 from psfs.background.chroma_key import ChromaKey, key_from_media
 from psfs.cameras.camera import CameraRig
-from psfs.cli import main
 from psfs.common.colours import chromaticity
 from psfs.footage.media import open_media
 from psfs.reconstructor import Reconstructor
@@ -83,18 +83,13 @@ def test_shadow_is_screen_and_spill_is_person() -> None:
 def pictures(folder: Path, colour: np.ndarray, light: float = 1.0) -> Path:
     """Five cameras before a screen, lit unevenly; the test body moves a little and is grey."""
     rig = scenes.ring(5, size=(160, 120))
-    footage.write_toml(folder / "calibration.toml", footage.tables(rig))
-    random, masks = np.random.default_rng(0), scenes.masks_of(rig)
-    for view, camera in enumerate(rig):
-        (folder / "images" / camera.name).mkdir(parents=True)
-        columns, rows = camera.size
-        lit = light * np.linspace(0.7, 1.2, columns)[None, :, None] * colour
-        for frame in range(3):
-            picture = lit + random.normal(0, 2, (rows, columns, 3))
-            picture[masks[view, :rows, :columns] > 0] = [140, 150, 140]
-            name = folder / "images" / camera.name / f"{frame}.png"
-            assert cv2.imwrite(str(name), np.clip(picture, 0, 255).astype(np.uint8))
-    return folder
+    random, masks, views = np.random.default_rng(0), scenes.masks_of(rig), []
+    lit = light * np.linspace(0.7, 1.2, rig.width)[None, :, None] * colour
+    for mask in masks:
+        shown = lit + random.normal(0, 2, (3, *mask.shape, 3))
+        shown[:, mask > 0] = [140, 150, 140]
+        views.append(np.clip(shown, 0, 255).astype(np.uint8))
+    return footage.write_take(folder, rig, views, "images")
 
 
 @pytest.mark.parametrize("key", [None, "#00b140"])
@@ -110,7 +105,7 @@ def test_the_screen_is_found(tmp_path: Path, device: Device, key: str | None) ->
     assert (shown & true).sum() > 0.9 * (shown | true).sum()
 
 
-def test_no_screen_is_an_error(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_no_screen_is_an_error(tmp_path: Path) -> None:
     folder = pictures(tmp_path / "grey", np.array([120.0, 122.0, 121.0]))
     command = ["reconstruct", str(folder), "-o", str(tmp_path / "out"), "--background", "chroma"]
     for more, message in (
@@ -119,8 +114,7 @@ def test_no_screen_is_an_error(tmp_path: Path, capsys: pytest.CaptureFixture[str
         (["--key", "green"], "expected a colour #rrggbb"),
         (["--key", "#808080"], "nearly grey"),
     ):
-        assert main([*command, *more]) == 2
-        (line,) = capsys.readouterr().err.strip().splitlines()
+        (line,) = fail("psfs", *command, *more).strip().splitlines()
         assert message in line
 
 

@@ -6,12 +6,13 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from helpers import footage
+from helpers.commands import fail, succeed
 from scipy import ndimage
 
 from apf.synthetic.generate import generate
 from apf.synthetic.scene import SceneConfig
 from cl import Device
-from psfs.cli import main
 from psfs.reconstructor import Reconstructor
 from psfs.sequence import Sequence
 from psfs.voxels.grid import VoxelGrid
@@ -45,32 +46,21 @@ def test_a_moving_person_is_found(walk: Path, tmp_path: Path) -> None:
     assert (with_plate & without).sum() > 0.7 * (with_plate | without).sum()
 
 
-def test_a_still_person_is_background(
-    walk: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_still_person_is_background(walk: Path, tmp_path: Path) -> None:
     still, sequence = tmp_path / "still", Sequence.open(walk)
     images = sequence.read(5).images
     assert images is not None
-    for camera, image in zip(sequence.rig, images, strict=True):
-        folder = still / "images" / camera.name
-        folder.mkdir(parents=True)
-        for frame in range(4):
-            assert cv2.imwrite(str(folder / f"{frame:04d}.png"), image)
-    shutil.copy(walk / "calibration.toml", still)
-    assert main(["reconstruct", str(still), "-o", str(tmp_path / "out")]) == 2
-    last = capsys.readouterr().err.strip().splitlines()[-1]
+    footage.write_take(still, sequence.rig, [4 * [image] for image in images], "images")
+    last = fail("psfs", "reconstruct", still, "-o", tmp_path / "out").strip().splitlines()[-1]
     assert "expected a person who moves" in last and "background/" in last
 
 
-def test_a_background_that_holds_the_person_is_found_out(
-    walk: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_background_that_holds_the_person_is_found_out(walk: Path, tmp_path: Path) -> None:
     """In one camera's film."""
     plate = shutil.copytree(walk, tmp_path / "plate")
     (plate / "background/cam02.mp4").unlink()
     images = Sequence.open(walk).read(0).images
     assert images is not None
     cv2.imwrite(str(plate / "background/cam02.png"), images[1])
-    assert main(["info", str(plate)]) == 0
-    said = " ".join(capsys.readouterr().out.split())
+    said = " ".join(succeed("psfs", "info", plate).out.split())
     assert "one person is seen" in said and "camera cam" not in said

@@ -13,6 +13,7 @@ from psfs.background.gaussian import median_moments
 from psfs.background.pixel_densities import PixelDensities, find_moving_region
 from psfs.background.take import estimate_background_from_take
 from psfs.footage.media import Media
+from psfs.reference.silhouette import picture_masks
 
 SIZE = (201, 153)
 #: Pictures of takes in which nothing is measured along an outline.
@@ -79,13 +80,7 @@ def take(
 def wrong_share(background, scene: np.ndarray, rig) -> float:
     """Share of the pixels that are believed to be of another colour than they are, relative to the
     brightness of each view."""
-    inside = np.stack(
-        [
-            (np.arange(rig.height)[:, None] < c.size[1]) & (np.arange(rig.width) < c.size[0])
-            for c in rig
-        ]
-    )
-    known = inside & (background.std.max(-1) < EXTRAPOLATED)
+    known = picture_masks(rig) & (background.std.max(-1) < EXTRAPOLATED)
     ratio = np.median((background.mean / scene)[known], axis=0)
     return float((np.abs(background.mean - ratio * scene)[known].max(-1) > 12).mean())
 

@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 import pytest
 from helpers import calibration as made
+from helpers.commands import fail, succeed
 
 from cl import InputError
 from psfs.calibration.intrinsics import read_intrinsics
@@ -16,7 +17,6 @@ from psfs.calibration.targets.boards import CharucoFinder, ChessboardFinder
 from psfs.calibration.targets.markers import find_bright_spots
 from psfs.calibration.targets.print_board import list_black_squares
 from psfs.cameras.camera import CameraRig
-from psfs.cli import main
 
 SQUARES, SQUARE = (6, 5), 0.18
 CAMERA = made.ring(step=28)[1]
@@ -190,10 +190,9 @@ def test_the_board_is_opencvs(squares: tuple[int, int]) -> None:
     assert seen is not None and len(seen[0]) == (squares[0] - 1) * (squares[1] - 1)
 
 
-def test_a_page_in_its_true_size(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_page_in_its_true_size(tmp_path: Path) -> None:
     path = tmp_path / "board.pdf"
-    assert main(["calibrate", "--print-board", str(path)]) == 0
-    assert "print it at 100 %" in capsys.readouterr().out
+    assert "print it at 100 %" in succeed("psfs", "calibrate", "--print-board", path).out
     box = re.search(rb"/MediaBox \[ ?0 0 ([\d.]+) ([\d.]+)", path.read_bytes())
     assert box is not None
     page = np.array([float(n) for n in box.groups()]) / 72 * 25.4
@@ -212,10 +211,7 @@ def test_a_page_in_its_true_size(tmp_path: Path, capsys: pytest.CaptureFixture[s
         (["--square", "1e-6"], "markers of 1 mm or more"),
     ],
 )
-def test_impossible_boards(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], flags: list[str], message: str
-) -> None:
+def test_impossible_boards(tmp_path: Path, flags: list[str], message: str) -> None:
     path = tmp_path / "board.pdf"
-    code = main(["calibrate", "--print-board", str(path), *flags])
-    said = capsys.readouterr().err
-    assert code == 2 and message in said and not path.exists()
+    said = fail("psfs", "calibrate", "--print-board", path, *flags)
+    assert message in said and not path.exists()

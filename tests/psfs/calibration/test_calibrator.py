@@ -161,8 +161,7 @@ def test_up_is_towards_cameras_that_look_down() -> None:
     scene = CalibrationScene((), dict(enumerate(poses(WAND, 5))))
     cameras = []
     for k, (x, y) in enumerate([(1, 1), (-1, 1), (-1, -1), (1, -1)]):
-        c, s = np.cos(k * np.pi / 2), np.sin(k * np.pi / 2)
-        R = np.array([[c, s, 0], [s, -c, 0], [0, 0, -1.0]])
+        R = made.flat(k * np.pi / 2)[:3, :3]
         cameras.append(replace(CAMERAS[k], R=R, t=-R @ np.array([x, y, 3.0])))
     first = made.rigid(cameras[0].R, cameras[0].t)
     seen = replace(scene, cameras=tuple(cameras)).transform(first)

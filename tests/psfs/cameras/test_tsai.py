@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers import scenes
+from scipy.spatial.transform import Rotation
 
 from cl import Device, InputError
 from psfs.cameras.calibration import read_calibration
@@ -27,16 +28,8 @@ CAMERA = {
 def projected(values: dict[str, float], point: np.ndarray) -> np.ndarray:
     """Project one point, mm, by Rymut 2016 eq. (2.22)-(2.26); NumPy's eigenvalues solve the
     cubic."""
-    rx, ry, rz = (values[k] for k in ("Rx", "Ry", "Rz"))
-    (sx, sy, sz), (cx, cy, cz) = np.sin([rx, ry, rz]), np.cos([rx, ry, rz])
-    R = np.array(
-        [
-            [cy * cz, cz * sx * sy - cx * sz, sx * sz + cx * cz * sy],
-            [cy * sz, sx * sy * sz + cx * cz, cx * sy * sz - cz * sx],
-            [-sy, cy * sx, cx * cy],
-        ]
-    )
-    x, y, z = R @ point + [values["Tx"], values["Ty"], values["Tz"]]
+    turn = Rotation.from_euler("xyz", [values[k] for k in ("Rx", "Ry", "Rz")])
+    x, y, z = turn.apply(point) + np.array([values[k] for k in ("Tx", "Ty", "Tz")])
     u = values["f"] * np.array([x, y]) / z
     radius = float(np.hypot(*u))
     roots = np.roots([values["kappa1"], 0, 1, -radius]) if values["kappa1"] else np.array([radius])

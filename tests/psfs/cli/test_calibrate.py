@@ -6,17 +6,17 @@ from pathlib import Path
 from typing import Any
 
 import cv2
-import ezc3d
 import numpy as np
 import pytest
 from helpers import calibration as made
+from helpers.commands import fail, succeed
+from helpers.footage import write_c3d
 from PIL import Image
 
 from psfs.calibration.pictures import write_view
 from psfs.cameras.calibration import read_calibration
 from psfs.cameras.calibration.toml_tables import write_toml_tables
 from psfs.cameras.camera import Camera, CameraRig
-from psfs.cli import main
 
 #: All around a wand; side by side for a board, which has one face.
 CAMERAS, ARC = made.ring()[:4], made.ring(4, step=28)
@@ -48,14 +48,7 @@ def wands(tmp_path_factory: pytest.TempPathFactory) -> Path:
     made.film(folder, CAMERAS, poses, made.wand_picture(points))
     places = np.stack([points @ pose[:3, :3].T + pose[:3, 3] for pose in poses])
     places = np.repeat(1000 * places, 2, axis=0)
-    file = ezc3d.c3d()
-    file["parameters"]["POINT"]["RATE"]["value"] = [60.0]
-    file["parameters"]["POINT"]["LABELS"]["value"] = ["near", "far"]
-    file["parameters"]["POINT"]["UNITS"]["value"] = ["mm"]
-    file["data"]["points"] = np.concatenate(
-        [places.transpose(2, 1, 0), np.ones((1, 2, len(places)))]
-    )
-    file.write(str(folder / "wand.c3d"))
+    write_c3d(folder / "wand.c3d", places, ("near", "far"), 60.0)
     return with_lenses(folder, CAMERAS)
 
 
@@ -64,8 +57,8 @@ def with_lenses(folder: Path, cameras: list[Camera]) -> Path:
     return folder
 
 
-def calibrate(folder: Path, out: Path, *flags: str) -> int:
-    return main(["calibrate", str(folder), "-o", str(out), *flags])
+def calibrate(folder: Path, out: Path, *flags: str) -> list[str]:
+    return ["psfs", "calibrate", str(folder), "-o", str(out), *flags]
 
 
 @pytest.fixture
@@ -89,7 +82,7 @@ def test_board_with_known_lenses(
     board.write_text(
         'columns = 6\nrows = 4\nsquare_size_override_cm = 20\ndictionary = "DICT_4X4_50"\n'
     )
-    assert calibrate(boards, out, "--board", str(board), "--floor", "0", *lenses) == 0
+    succeed(*calibrate(boards, out, "--board", str(board), "--floor", "0", *lenses))
     found = list(read_calibration(out / "calibration.toml"))
     away, scale = made.differences(found, ARC)
     assert away.max() < 6 and abs(scale) < 0.002
@@ -105,15 +98,14 @@ def test_board_with_known_lenses(
 
 
 @pytest.mark.usefixtures("without_pictures")
-def test_wand(wands: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_wand(wands: Path, tmp_path: Path) -> None:
     lenses = ("--intrinsics", str(wands / "lens.toml"))
-    assert calibrate(wands, tmp_path, "--wand", "0.5", *lenses) == 0
+    printed = succeed(*calibrate(wands, tmp_path, "--wand", "0.5", *lenses)).out
     found = list(read_calibration(tmp_path / "calibration.toml"))
     away, scale = made.differences(found, CAMERAS)
     assert away.max() < 6 and abs(scale) < 0.002
     report = json.loads((tmp_path / "calibration.json").read_text())
     assert all(of["reprojection_px"]["rms"] < 0.5 for of in report["cameras"].values())
-    printed = capsys.readouterr().out
     assert "no --floor is stated" in printed and "cam04" in printed
     assert min(camera.centre[2] for camera in found) > 1  # Z is up
 
@@ -122,21 +114,18 @@ def test_wand(wands: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -
 def test_measured_markers_give_cameras_in_their_frame(wands: Path, tmp_path: Path) -> None:
     settings = tmp_path / "settings.toml"
     settings.write_text(f'c3d = "{wands / "wand.c3d"}"\ncameras = "cam01,cam02,cam03"\n')
-    assert calibrate(wands, tmp_path / "out", "--config", str(settings)) == 0
+    succeed(*calibrate(wands, tmp_path / "out", "--config", str(settings)))
     found = read_calibration(tmp_path / "out" / "calibration.toml")
     for camera, true in zip(found, CAMERAS[:3], strict=True):
         np.testing.assert_allclose(camera.centre, true.centre, atol=0.02)
         assert abs(camera.K[0, 0] / true.K[0, 0] - 1) < 0.01
 
 
-def test_what_cannot_be_is_one_line(
-    boards: Path, wands: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_what_cannot_be_is_one_line(boards: Path, wands: Path, tmp_path: Path) -> None:
     short = ("--frames", "1:3", "--cameras", "cam01,cam02")
 
     def line(folder: Path, *flags: str) -> str:
-        assert calibrate(folder, tmp_path / "out", *flags) == 2
-        error = capsys.readouterr().err.strip().splitlines()
+        error = fail(*calibrate(folder, tmp_path / "out", *flags)).strip().splitlines()
         assert not (tmp_path / "out").exists()
         return error[-1]
 

@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
+from helpers.commands import fail, succeed
 from helpers.shared import shared_data
 from scipy import spatial
 
 from cl import Device, NumpyDevice, select_device
-from psfs.cli import main
 from psfs.mesh.marching_cubes import Mesher
 from psfs.mesh.preview import load_open3d
 from psfs.output.reconstruction_folder import ReconstructionFolder
@@ -20,7 +20,7 @@ from psfs.sequence import Sequence
 
 def test_one_frame_checked(out: Path, tmp_path: Path) -> None:
     path = tmp_path / "body.glb"
-    assert main(["mesh", str(out), "-o", str(path), "--check"]) == 0
+    succeed("psfs", "mesh", str(out), "-o", str(path), "--check")
     report = json.loads((out / "mesh_check.json").read_text())
     assert list(report["frames"]) == ["1"]  # the first that shows something
     assert report["frames"]["1"]["watertight"] and report["mean_iou"] > 0.85
@@ -31,19 +31,18 @@ def test_one_frame_checked(out: Path, tmp_path: Path) -> None:
 
 
 def test_a_check_without_open3d_says_what_to_install(
-    out: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    out: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     load_open3d.cache_clear()
     monkeypatch.setitem(sys.modules, "open3d", None)
-    assert main(["mesh", str(out), "--check"]) == 2
-    assert "[mesh]'" in capsys.readouterr().err
+    assert "[mesh]'" in fail("psfs", "mesh", out, "--check")
 
 
 def test_all_frames_but_the_empty_one(out: Path, tmp_path: Path) -> None:
-    assert main(["mesh", str(out), "--frame", "all", "--format", "obj"]) == 0
+    succeed("psfs", "mesh", str(out), "--frame", "all", "--format", "obj")
     names = sorted(path.name for path in (out / "meshes").iterdir())
     assert names == ["frame_000001.obj", "frame_000002.obj"]
-    assert main(["mesh", str(out), "--frame", "all", "-o", str(tmp_path), "--smooth", "0"]) == 0
+    succeed("psfs", "mesh", str(out), "--frame", "all", "-o", str(tmp_path), "--smooth", "0")
     smooth = trimesh.load(out / "meshes" / "frame_000002.obj", process=False)
     rough = trimesh.load(tmp_path / "frame_000002.ply", process=False)
     assert len(smooth.vertices) == len(rough.vertices)
@@ -64,22 +63,19 @@ def test_the_surface_is_that_of_the_run(out: Path, device: Device | NumpyDevice)
         assert distance.max() <= cloud.grid.voxel_size * np.sqrt(3)  # closed: diagonals, too
 
 
-def test_parameters_of_another_version_are_said(
-    out: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_parameters_of_another_version_are_said(out: Path, tmp_path: Path) -> None:
     summary = json.loads((out / "summary.json").read_text())
     summary["config"]["silhouette"]["magic"] = 1
     (tmp_path / "summary.json").write_text(json.dumps(summary))
-    assert main(["mesh", str(tmp_path)]) == 2
-    assert "silhouette.magic: no such setting" in capsys.readouterr().err
+    assert "silhouette.magic: no such setting" in fail("psfs", "mesh", tmp_path)
 
 
 def test_the_dinosaur_is_watertight_and_fills_its_silhouettes(tmp_path: Path) -> None:
     folder = shared_data("middlebury_dino")
     size = ["--volume", "-0.064,0.022,-0.068,0.019,-0.035,0.075", "--voxel-size", "0.002"]
     size += ["--no-colour", "--cameras", ",".join(Sequence.open(folder).rig.names[::2])]
-    assert main(["reconstruct", str(folder), "-o", str(tmp_path), *size]) == 0
-    assert main(["mesh", str(tmp_path), "--check"]) == 0
+    succeed("psfs", "reconstruct", str(folder), "-o", str(tmp_path), *size)
+    succeed("psfs", "mesh", str(tmp_path), "--check")
     report = json.loads((tmp_path / "mesh_check.json").read_text())
     assert report["frames"]["0"]["watertight"] and report["mean_iou"] >= 0.95
     mesh = trimesh.load(tmp_path / "meshes" / "frame_000000.ply")

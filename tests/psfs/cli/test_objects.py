@@ -7,12 +7,11 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from helpers import scenes
+from helpers import footage, scenes
+from helpers.commands import succeed
 
-from psfs.cameras.calibration.toml_tables import write_toml_tables
 from psfs.cameras.camera import CameraRig
 from psfs.cameras.units import rotate_rig, rotation_to_z_up
-from psfs.cli import main
 from psfs.output.reconstruction_folder import ReconstructionFolder
 
 HEIGHT = 1.8
@@ -29,22 +28,15 @@ def statue(tmp_path_factory: pytest.TempPathFactory) -> Path:
     trunk = (np.hypot(x, 1.5 * y) < 0.26) & (z > -0.95) & (z < -0.3)
     head = np.linalg.norm(points - [0, 0, -0.15], axis=1) < 0.15
     points = points[legs | trunk | head]
-    cameras = []
+    cameras, views, closing = [], [], (cv2.MORPH_CLOSE, np.ones((5, 5), np.uint8))
     for k in range(8):
         angle = 2 * np.pi * k / 8
         centre = np.array([3 * np.cos(angle), 3 * np.sin(angle), -0.9 + 0.5 * (-1) ** k])
         camera = scenes.looking_at(f"c{k}", centre, np.array([0, 0, -0.9]), (160, 120), 150.0)
-        camera = replace(camera, distortion=np.zeros(5))
-        mask = np.zeros((120, 160), np.uint8)
-        _, row, column, _ = camera.look_up(points)
-        mask[row, column] = 255
-        mask = cv2.morphologyEx(mask, cv2.MORPH_CLOSE, np.ones((5, 5), np.uint8))
-        target = folder / "masks" / camera.name
-        target.mkdir(parents=True)
-        assert cv2.imwrite(str(target / "0.png"), np.asarray(mask))
-        cameras.append(camera)
+        cameras.append(replace(camera, distortion=np.zeros(5)))
+        views.append([cv2.morphologyEx(scenes.draw_points(cameras[-1], points), *closing)])
     y_up = rotate_rig(CameraRig(tuple(cameras)), rotation_to_z_up("y").T)
-    write_toml_tables(folder / "calibration.toml", y_up)
+    footage.write_take(folder, y_up, views)
     (folder / "sequence.toml").write_text('up = "y"\nfps = 1\n')
     return folder
 
@@ -59,15 +51,12 @@ def mean_iou(out: Path) -> float:
 
 
 @pytest.mark.parametrize("flags", [[], ["--subject", "object"]])
-def test_it_is_whole_without_a_flag(
-    statue: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], flags: list[str]
-) -> None:
+def test_it_is_whole_without_a_flag(statue: Path, tmp_path: Path, flags: list[str]) -> None:
     out = tmp_path / "out"
-    assert main(["reconstruct", str(statue), "-o", str(out), *flags]) == 0
+    succeed("psfs", "reconstruct", str(statue), "-o", str(out), *flags)
     low, high = heights(out)
     assert low == pytest.approx(-HEIGHT, abs=0.06) and high == pytest.approx(0, abs=0.06)
-    assert main(["check", str(out)]) == 0
-    captured = capsys.readouterr()
+    captured = succeed("psfs", "check", out)
     assert "warning" not in captured.out + captured.err
     assert mean_iou(out) > 0.85
     assert (ReconstructionFolder.open(out).grid.voxel_size < 0.018) == bool(
@@ -75,13 +64,10 @@ def test_it_is_whole_without_a_flag(
     )  # follows the object
 
 
-def test_a_volume_that_cuts_it_is_said_and_counts(
-    statue: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_volume_that_cuts_it_is_said_and_counts(statue: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     command = ["reconstruct", str(statue), "-o", str(out)]
-    assert main([*command, "--volume", "-0.5,0.5,-0.5,0.5,-0.8,0.2"]) == 0
-    assert "the volume cuts what is filmed" in capsys.readouterr().err
-    assert main(["check", str(out)]) == 0
-    assert "the volume cuts what is filmed" in capsys.readouterr().out
+    said = succeed("psfs", *command, "--volume", "-0.5,0.5,-0.5,0.5,-0.8,0.2").err
+    assert "the volume cuts what is filmed" in said
+    assert "the volume cuts what is filmed" in succeed("psfs", "check", out).out
     assert mean_iou(out) < 0.75

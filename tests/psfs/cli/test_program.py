@@ -6,9 +6,8 @@ from pathlib import Path
 from typing import Annotated, Any, ClassVar
 
 import pytest
+from helpers.commands import succeed
 
-import apf.cli
-import psfs.cli
 from apf.request import StartRequest
 from cl import InputError
 from psfs.cli.commandline import stdout, warn
@@ -155,26 +154,20 @@ def test_the_log_has_all_messages_and_grows(tmp_path: Path) -> None:
     assert log.read_text() == text
 
 
-@pytest.mark.parametrize("main", [psfs.cli.main, apf.cli.main])
-def test_versions(main: object, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["--version"]) == 0  # type: ignore[operator]
-    assert "psfs-apf 0" in capsys.readouterr().out
+@pytest.mark.parametrize("program", ["psfs", "apf"])
+def test_versions(program: str) -> None:
+    assert "psfs-apf 0" in succeed(program, "--version").out
 
 
-@pytest.mark.parametrize("main", [psfs.cli.main, apf.cli.main])
-def test_completion_is_a_script_that_bash_reads(
-    main: object, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+@pytest.mark.parametrize(("program", "command"), [("psfs", "reconstruct"), ("apf", "track")])
+def test_completion_is_a_script_that_bash_reads(program: str, command: str, tmp_path: Path) -> None:
     if shutil.which("bash") is None:
         pytest.skip("there is no bash")
-    assert main(["--completion", "bash"]) == 0  # type: ignore[operator]
     script = tmp_path / "completion"
-    script.write_text(capsys.readouterr().out)
-    prog = "apf" if main is apf.cli.main else "psfs"
-    command = "track" if prog == "apf" else "reconstruct"
+    script.write_text(succeed(program, "--completion", "bash").out)
     ask = (
-        f"source {script}; COMP_WORDS=({prog} {command} --vo); COMP_CWORD=2; "
-        f"_shtab_{prog}; echo ${{COMPREPLY[@]}}"
+        f"source {script}; COMP_WORDS=({program} {command} --vo); COMP_CWORD=2; "
+        f"_shtab_{program}; echo ${{COMPREPLY[@]}}"
     )
     found = subprocess.run(["bash", "-c", ask], capture_output=True, text=True, check=True)
     assert "--voxel-size" in found.stdout.split()

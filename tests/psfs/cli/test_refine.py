@@ -1,18 +1,14 @@
 """`psfs calibrate --refine` on a take of masks: corrected if off, kept if sound."""
 
 import json
-from dataclasses import replace
 from pathlib import Path
 
-import cv2
 import numpy as np
-import pytest
 from helpers import footage, scenes
+from helpers.commands import fail, succeed
 
 from psfs.cameras.calibration import read_calibration
-from psfs.cameras.calibration.toml_tables import write_toml_tables
 from psfs.cameras.camera import CameraRig
-from psfs.cli import main
 
 EXACT = scenes.without_distortion(scenes.ring(4, (320, 240), 4.0))
 
@@ -31,40 +27,26 @@ def person(frame: int) -> np.ndarray:
     return np.concatenate(found) + np.array([0.2 * np.sin(0.05 * frame), 0.1, 0])
 
 
-def film(folder: Path, frames: int) -> Path:
-    for camera in EXACT:
-        masks = np.zeros((frames, *camera.size[::-1]), np.uint8)
-        for frame, mask in enumerate(masks):
-            _, y, x, _ = camera.look_up(person(frame))
-            mask[y, x] = 255
-        square = np.ones((7, 7), np.uint8)
-        footage.write_masks(folder, camera.name, (cv2.dilate(mask, square) for mask in masks))
-    return folder
+def film(folder: Path, frames: int, rig: CameraRig = EXACT) -> Path:
+    """Write masks as the exact cameras show them, with the calibration of `rig`."""
+    people = [person(frame) for frame in range(frames)]
+    views = [[scenes.draw_points(camera, each, 7) for each in people] for camera in EXACT]
+    return footage.write_take(folder, rig, views)
 
 
-def refine(take: Path, out: Path, rig: CameraRig) -> tuple[int, dict[str, object]]:
-    write_toml_tables(take / "calibration.toml", rig)
-    code = main(["calibrate", str(take), "--refine", "--device", "numpy", "-o", str(out)])
-    report = out / "calibration.json"
-    return code, json.loads(report.read_text()) if report.exists() else {}
-
-
-def misfit(rig: CameraRig) -> float:
-    pairs = zip(rig, EXACT, strict=True)
-    points = person(0)
-    return float(np.mean([np.abs(a.project(points)[0] - b.project(points)[0]) for a, b in pairs]))
+def refine(take: Path, out: Path) -> dict[str, object]:
+    succeed("psfs", "calibrate", take, "--refine", "--device", "numpy", "-o", out)
+    return dict(json.loads((out / "calibration.json").read_text()))
 
 
 def test_a_take_corrects_its_cameras(tmp_path: Path) -> None:
     turns = np.radians([[0.5, 0.3, 0], [-0.5, 0.4, 0.2], [0.1, -0.6, 0.3], [-0.2, 0, -0.6]])
-    off = []
-    for camera, turn in zip(EXACT, turns, strict=True):
-        R = cv2.Rodrigues(turn)[0] @ camera.R
-        off.append(replace(camera, R=R, t=-R @ camera.centre))
-    code, report = refine(film(tmp_path / "take", 14), tmp_path / "out", CameraRig(tuple(off)))
-    assert code == 0 and report["corrected"] is True
+    wrong = CameraRig(tuple(map(scenes.turned, EXACT, turns)))
+    report = refine(film(tmp_path / "take", 14, wrong), tmp_path / "out")
+    assert report["corrected"] is True
     corrected = read_calibration(tmp_path / "out" / "calibration.toml")
-    assert misfit(corrected) < 0.7 * misfit(CameraRig(tuple(off)))
+    before, after = (scenes.pixels_apart(rig, EXACT, person(0)) for rig in (wrong, corrected))
+    assert after < 0.7 * before
     cameras = report["cameras"]
     assert isinstance(cameras, dict) and set(cameras) == set(EXACT.names)
     late = cameras["c0"]["late_frames"]
@@ -72,20 +54,16 @@ def test_a_take_corrects_its_cameras(tmp_path: Path) -> None:
 
 
 def test_sound_cameras_are_kept(tmp_path: Path) -> None:
-    code, report = refine(film(tmp_path / "take", 12), tmp_path / "out", EXACT)
-    assert code == 0 and report["corrected"] is False
+    report = refine(film(tmp_path / "take", 12), tmp_path / "out")
+    assert report["corrected"] is False
     kept = read_calibration(tmp_path / "out" / "calibration.toml")
-    assert misfit(kept) < 1e-3
+    assert scenes.pixels_apart(kept, EXACT, person(0)) < 1e-3
     assert "are kept" in str(report["verdict"])
 
 
-def test_two_cameras_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_two_cameras_are_refused(tmp_path: Path) -> None:
     take = film(tmp_path / "take", 1)
-    write_toml_tables(take / "calibration.toml", EXACT)
     flags = ["--refine", "--cameras", "c0,c1", "-o", str(tmp_path / "out")]
-    assert main(["calibrate", str(take), *flags]) == 2
-    assert "expected three or more" in capsys.readouterr().err
-    assert (
-        main(["calibrate", str(take), "--refine", "--floor", "0", "-o", str(tmp_path / "out")]) == 2
-    )
-    assert "applies only to boards and wands" in capsys.readouterr().err
+    assert "expected three or more" in fail("psfs", "calibrate", take, *flags)
+    said = fail("psfs", "calibrate", take, "--refine", "--floor", "0", "-o", tmp_path / "out")
+    assert "applies only to boards and wands" in said

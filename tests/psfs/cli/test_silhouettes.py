@@ -7,10 +7,10 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from helpers.commands import run, succeed
 
 import psfs.cli.silhouettes as command
 from cl import Device
-from psfs.cli import main
 from psfs.diagnostics.mask_scores import score_silhouettes
 from psfs.reconstructor import Reconstructor
 from psfs.sequence import Sequence
@@ -31,15 +31,13 @@ def folder(small_walk: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def show(folder: Path, out: Path, *flags: str) -> int:
-    return main(["silhouettes", str(folder), "-o", str(out), *flags])
+def show(folder: Path, out: Path, *flags: str) -> list[str]:
+    return ["psfs", "silhouettes", str(folder), "-o", str(out), *flags]
 
 
-def test_frames_with_true_masks_are_shown(
-    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_frames_with_true_masks_are_shown(folder: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
-    assert show(folder, out) == 0
+    printed = succeed(*show(folder, out)).out
     pictures = sorted(path.name for path in out.glob("*.png"))
     assert pictures == ["frame_000000.png", "frame_000002.png"]
     report = json.loads((out / "silhouettes.json").read_text())
@@ -52,23 +50,19 @@ def test_frames_with_true_masks_are_shown(
     assert camera["worst_iou"] == third["iou"][0]
     known = [value for of in (first, third) for value in of["iou"] if value is not None]
     assert report["mean_iou"] == pytest.approx(np.mean(known), abs=1e-4)
-    printed = capsys.readouterr().out
     assert "mean IoU" in printed and "cam04" in printed
     # Four panels a row, one row a camera.
     height, width = cv2.imread(str(out / "frame_000000.png")).shape[:2]
     assert height > 4 * 200 and width > 4 * 100
 
 
-def test_without_true_masks_frames_are_spread(
-    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_without_true_masks_frames_are_spread(folder: Path, tmp_path: Path) -> None:
     bare = shutil.copytree(folder, tmp_path / "walk", ignore=shutil.ignore_patterns("truth*"))
     out = tmp_path / "out"
-    assert show(bare, out) == 0
+    printed = succeed(*show(bare, out)).out
     report = json.loads((out / "silhouettes.json").read_text())
     assert list(report["frames"]) == ["0", "1", "2", "3"]
     assert report["mean_iou"] is None and report["cameras"]["cam01"]["mean_foreground"] > 0
-    printed = capsys.readouterr().out
     assert "share of the picture" in printed and "IoU" not in printed
 
 
@@ -99,5 +93,5 @@ def test_an_interrupt_keeps_what_was_shown(
         return whole(rig, shown)
 
     monkeypatch.setattr(command, "draw_mosaic", interrupted)
-    assert show(folder, out) == 130
+    assert run(*show(folder, out)).code == 130
     assert list(json.loads((out / "silhouettes.json").read_text())["frames"]) == ["0"]

@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 
-import cv2
 import numpy as np
 import pytest
 from helpers import scenes
@@ -43,16 +42,13 @@ def outlines_of(
 ) -> list[list[Outline | None]]:
     """Outlines [frame][view]; camera v takes its pictures offsets[v] frames late."""
     late = np.zeros(len(rig)) if offsets is None else offsets
-    rows: list[list[Outline | None]] = []
-    for frame in range(n):
-        row: list[Outline | None] = []
-        for camera, own in zip(rig, late, strict=True):
-            mask = np.zeros(camera.size[::-1], np.uint8)
-            _, y, x, _ = camera.look_up(limbs(frame + own))
-            mask[y, x] = 1
-            row.append(extract_outline(cv2.dilate(mask, np.ones((9, 9), np.uint8)) > 0))
-        rows.append(row)
-    return rows
+    return [
+        [
+            extract_outline(scenes.draw_points(camera, limbs(frame + own), 9) > 0)
+            for camera, own in zip(rig, late, strict=True)
+        ]
+        for frame in range(n)
+    ]
 
 
 def off(rig: CameraRig, degrees: float) -> CameraRig:
@@ -61,16 +57,10 @@ def off(rig: CameraRig, degrees: float) -> CameraRig:
     for camera in rig:
         turn = random.normal(size=3)
         turn *= np.radians(degrees) / np.linalg.norm(turn)
-        R, K = cv2.Rodrigues(turn)[0] @ camera.R, camera.K.copy()
+        K = camera.K.copy()
         K[:2, :2] *= 1 + random.choice([-0.004, 0.004])
-        cameras.append(replace(camera, K=K, R=R, t=-R @ camera.centre))
+        cameras.append(replace(scenes.turned(camera, turn), K=K))
     return CameraRig(tuple(cameras))
-
-
-def pixels_apart(a: CameraRig, b: CameraRig) -> float:
-    points = limbs(0)
-    pairs = zip(a, b, strict=True)
-    return float(np.mean([np.abs(c.project(points)[0] - d.project(points)[0]) for c, d in pairs]))
 
 
 @pytest.fixture(scope="module")
@@ -85,7 +75,8 @@ def test_a_rig_that_is_off_is_corrected_and_its_times_found(
     found = RigFit(rig, outlines).align(rig)
     assert found is not None and found.is_accepted()
     # What is left is a motion of the whole scene, which silhouettes cannot tell.
-    assert pixels_apart(found.rig, EXACT) < 0.5 * pixels_apart(rig, EXACT)
+    before, after = (scenes.pixels_apart(one, EXACT, limbs(0)) for one in (rig, found.rig))
+    assert after < 0.5 * before
     assert found.after < 0.4 * found.before
     np.testing.assert_allclose(found.corrections.offsets, OFFSETS - OFFSETS.mean(), atol=0.025)
     away = (found.corrections.offsets - OFFSETS + OFFSETS.mean()) / found.corrections.sigmas[:, 7]
@@ -96,7 +87,7 @@ def test_a_rig_that_is_off_is_corrected_and_its_times_found(
 def test_an_exact_rig_stays(outlines: list[list[Outline | None]]) -> None:
     found = RigFit(EXACT, outlines).align(EXACT)
     assert found is not None and not found.is_accepted()
-    assert pixels_apart(found.rig, EXACT) < 0.5
+    assert scenes.pixels_apart(found.rig, EXACT, limbs(0)) < 0.5
 
 
 def test_nothing_is_said_of_two_cameras_or_of_nobody(

@@ -1,6 +1,5 @@
 """Cameras whose clocks run differently are followed by silhouettes."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -20,35 +19,22 @@ LATE, SPEEDS = np.array([0, 0, 3, 0]), np.array([1, 1, 1.008, 1])
 
 def film(folder: Path, rig: CameraRig) -> Path:
     """Write masks of a block that wanders, turns and bobs, as cameras of these clocks show it."""
-    footage.write_toml(folder / "calibration.toml", footage.tables(rig))
-    (folder / "sequence.toml").write_text("fps = 30\n")
-    block = np.stack(np.meshgrid([-0.3, 0.2], [-0.15, 0.15], [0.1, 1.7]), -1).reshape(-1, 3)
+    block, views = np.stack(np.meshgrid([-0.3, 0.2], [-0.15, 0.15], [0.1, 1.7]), -1), []
     for camera, late, speed in zip(rig, LATE, SPEEDS, strict=True):
-        masks = []
+        views.append([])
         for frame in range(FRAMES):
             time = (frame - late) / speed
             sway = np.sin(time * np.array([[0.06, 0.11, 0.23], [0.05, 0.13, 0.19]]) + [[0], [2]])
-            moved = block @ cv2.Rodrigues(np.array([0, 0, 0.1 * time]))[0].T
+            moved = block.reshape(-1, 3) @ cv2.Rodrigues(np.array([0, 0, 0.1 * time]))[0].T
             moved += [*(0.25 * sway.sum(1)), 0.05 * sway[0, 2]]
-            masks.append(scenes.draw_hull(camera, moved))
-        footage.write_masks(folder, camera.name, masks)
+            views[-1].append(scenes.draw_hull(camera, moved))
+    footage.write_take(folder, rig, views)
+    (folder / "sequence.toml").write_text("fps = 30\n")
     return folder
 
 
 def test_a_clock_that_runs_differently_is_followed(tmp_path: Path) -> None:
-    rig = CameraRig(
-        tuple(
-            replace(
-                scenes.looking_at(
-                    f"c{k}",
-                    np.array([3.2 * np.cos(1.3 * k), 3.2 * np.sin(1.3 * k), 1.0 + 0.4 * k]),
-                    np.array([0, 0, 0.9]), SIZE, 80.0,
-                ),
-                distortion=np.zeros(5),
-            )
-            for k in range(len(LATE))
-        )
-    )  # fmt: skip
+    rig = scenes.without_distortion(scenes.ring(len(LATE), SIZE, 3.2))
     opened = Sequence.open(film(tmp_path / "take", rig), sync="auto")
     followed = synchronise(Session(opened, NumpyDevice())).sequence
     ((name, (late, speed)),) = followed.settings.sync.items()

@@ -9,14 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers import footage, scenes
+from helpers.commands import succeed
 from helpers.shared import shared_data
 
 import psfs
 from apf.synthetic.generate import generate
 from apf.synthetic.scene import SceneConfig
 from cl import Device
-from psfs.cameras.calibration.toml_tables import write_toml_tables
-from psfs.cli import main
 from psfs.diagnostics.agreement import HullAgreement
 from psfs.diagnostics.arrangement_faults import find_outlier
 from psfs.diagnostics.examination import diagnose
@@ -70,17 +69,13 @@ def walk(tmp_path_factory: pytest.TempPathFactory) -> Sequence:
 @pytest.fixture(scope="module")
 def late_walk(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Masks of a block that walks past six cameras, c2 ten frames late."""
-    folder = tmp_path_factory.mktemp("late") / "walk"
-    rig = scenes.ring(6, size=(160, 120))
-    folder.mkdir(parents=True, exist_ok=True)
-    write_toml_tables(folder / "calibration.toml", rig)
+    rig, views = scenes.ring(6, size=(160, 120)), []
     for camera in rig:
         frames = np.arange(30)
         times = np.maximum(0, frames - 10) if camera.name == "c2" else frames
         shifts = [np.array([0.06 * (time - 15), 0, 0]) for time in times]
-        masks = [scenes.draw_hull(camera, scenes.BLOCK + shift) for shift in shifts]
-        footage.write_masks(folder, camera.name, masks)
-    return folder
+        views.append([scenes.draw_hull(camera, scenes.BLOCK + shift) for shift in shifts])
+    return footage.write_take(tmp_path_factory.mktemp("late") / "walk", rig, views)
 
 
 @pytest.mark.parametrize(
@@ -124,21 +119,16 @@ def test_clutter_and_furniture_accuse_no_camera(monkeypatch: pytest.MonkeyPatch)
     assert number == 4 and significant(gains, np.log(2), 1e-3)
 
 
-def test_a_late_camera_is_named(
-    late_walk: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_late_camera_is_named(late_walk: Path, tmp_path: Path) -> None:
     """One of six masks stands 10 frames behind, and is used because all are wanted."""
     folder = late_walk
-    assert main(["info", str(folder)]) == 0
-    assert "camera c2 disagrees" in capsys.readouterr().out
+    assert "camera c2 disagrees" in succeed("psfs", "info", folder).out
     out = tmp_path / "out"
     flags = ["--voxel-size", "0.08", "--frames", "20:21", "--all-cameras"]
-    assert main(["reconstruct", str(folder), "-o", str(out), *flags]) == 0
+    succeed("psfs", "reconstruct", folder, "-o", out, *flags)
     summary = json.loads((out / "summary.json").read_text())
     assert len(summary["sequence"]["cameras"]) == 6
-    capsys.readouterr()
-    assert main(["check", str(out)]) == 0
-    assert "camera c2 disagrees" in capsys.readouterr().out
+    assert "camera c2 disagrees" in succeed("psfs", "check", out).out
     assert list(json.loads((out / "check.json").read_text())["disagreeing"]) == ["c2"]
 
 

@@ -7,13 +7,11 @@ import cv2
 import numpy as np
 import pytest
 from helpers import footage, scenes
+from helpers.commands import fail, succeed
 from helpers.shared import shared_data
 
-import apf.cli
 from cl import Device, InputError, NumpyDevice
-from psfs.cameras.calibration.toml_tables import write_toml_tables
 from psfs.cameras.camera import CameraRig
-from psfs.cli import main
 from psfs.diagnostics.calibration_faults import find_rig_faults
 from psfs.diagnostics.examination import Examination, diagnose
 from psfs.diagnostics.fault import Fault
@@ -60,27 +58,20 @@ def rig(aside: float = 0.0) -> CameraRig:
 
 
 def write(folder: Path, masks: np.ndarray, cameras: CameraRig | None = None) -> Path:
-    folder.mkdir(parents=True, exist_ok=True)
-    write_toml_tables(folder / "calibration.toml", cameras or rig())
-    for view, name in enumerate(NAMES):
-        footage.write_masks(folder, name, masks[:, view])
+    footage.write_take(folder, cameras or rig(), masks.swapaxes(0, 1))
     (folder / "sequence.toml").write_text("fps = 30\n")
     return folder
 
 
 def write_pictures(folder: Path, masks: np.ndarray) -> Path:
     """Write pictures in which the block, bright, stands before a textured room."""
-    rng = np.random.default_rng(0)
-    folder.mkdir(parents=True)
-    write_toml_tables(folder / "calibration.toml", rig())
-    for view, name in enumerate(NAMES):
-        (folder / "images" / name).mkdir(parents=True)
+    rng, views = np.random.default_rng(0), []
+    for own in masks.swapaxes(0, 1):
         room = cv2.resize(rng.integers(30, 160, (12, 16, 3), np.uint8), (160, 120))
-        for frame, mask in enumerate(masks[:, view]):
-            shown = np.where(mask[..., None] > 0, 220, room) + rng.normal(0, 2, room.shape)
-            path = folder / "images" / name / f"{frame:04d}.png"
-            assert cv2.imwrite(str(path), np.clip(shown, 0, 255).astype(np.uint8))
-    return folder
+        shown = np.where(own[..., None] > 0, 220, room)
+        shown = shown + rng.normal(0, 2, shown.shape)
+        views.append(np.clip(shown, 0, 255).astype(np.uint8))
+    return footage.write_take(folder, rig(), views, "images")
 
 
 def test_one_picture_has_no_silhouette(tmp_path: Path, masks: np.ndarray) -> None:
@@ -168,29 +159,24 @@ def test_late_cameras_are_named_and_mended(tmp_path: Path, masks: np.ndarray) ->
     np.testing.assert_array_equal(shown > 0, masks[-late] > 0)
 
 
-def test_sync_auto_is_applied_and_remembered(
-    tmp_path: Path, masks: np.ndarray, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_sync_auto_is_applied_and_remembered(tmp_path: Path, masks: np.ndarray) -> None:
     spoilt = masks.copy()
     spoilt[8:, 1] = masks[:-8, 1]
     folder, out = write(tmp_path / "a", spoilt[8:]), tmp_path / "out"
     command = ["reconstruct", str(folder), "-o", str(out), "--voxel-size", "0.05"]
-    assert main([*command, "--sync", "auto", "--no-colour", "--frames", "0:1"]) == 0
-    assert "c1 +8" in capsys.readouterr().err
-    assert main(["check", str(out)]) == 0
-    said = capsys.readouterr().out
+    said = succeed("psfs", *command, "--sync", "auto", "--no-colour", "--frames", "0:1").err
+    assert "c1 +8" in said
+    said = succeed("psfs", "check", out).out
     assert "late" not in said and "disagrees" not in said
 
 
-def test_a_unit_wrong_by_a_power_of_ten(
-    tmp_path: Path, masks: np.ndarray, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_unit_wrong_by_a_power_of_ten(tmp_path: Path, masks: np.ndarray) -> None:
     large = CameraRig(tuple(replace(camera, t=100 * camera.t) for camera in rig()))
     folder = write(tmp_path / "a", masks, large)
     (fault,) = faults(folder)
     assert fault.kind == "unit" and "--unit cm" in str(fault)
-    assert apf.cli.main(["track", str(folder), "-o", str(tmp_path / "out")]) == 2
-    assert "--unit cm" in capsys.readouterr().err and not (tmp_path / "out").exists()
+    assert "--unit cm" in fail("apf", "track", folder, "-o", tmp_path / "out")
+    assert not (tmp_path / "out").exists()
     inches = CameraRig(tuple(replace(camera, t=camera.t / 0.0254) for camera in rig()))
     (fault,) = faults(write(tmp_path / "b", masks, inches))
     assert "it looks like inches: --unit 0.0254" in str(fault)
@@ -279,9 +265,7 @@ def test_a_calibration_of_camera_to_world(tmp_path: Path, masks: np.ndarray) -> 
     assert fault.kind == "convention" and "camera to the world" in str(fault)
 
 
-def test_poor_silhouettes_are_told_from_a_calibration(
-    tmp_path: Path, masks: np.ndarray, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_poor_silhouettes_are_told_from_a_calibration(tmp_path: Path, masks: np.ndarray) -> None:
     noise = np.random.default_rng(0).random((12, 5, 12, 16)) < 0.3
     speckled = np.uint8(255) * noise.repeat(10, 2).repeat(10, 3)
     fault = faults(write(tmp_path / "a", speckled))[0]
@@ -293,8 +277,8 @@ def test_poor_silhouettes_are_told_from_a_calibration(
         )
     )
     folder, sheet = write(tmp_path / "b", masks, elsewhere), tmp_path / "sheet.png"
-    assert main(["info", str(folder), "--masks", str(sheet)]) == 0
-    assert "the calibration is not of these pictures" in capsys.readouterr().out
+    said = succeed("psfs", "info", folder, "--masks", sheet).out
+    assert "the calibration is not of these pictures" in said
     picture = cv2.imread(str(sheet))
     assert picture is not None and picture.shape == (5 * 122, 6 * 162, 3)
 

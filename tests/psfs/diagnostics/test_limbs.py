@@ -3,7 +3,6 @@
 from dataclasses import replace
 from functools import cache
 
-import cv2
 import numpy as np
 import pytest
 from helpers import scenes
@@ -86,11 +85,6 @@ def only(view, parameter):
     return mask
 
 
-def turn(camera, angles):
-    R = cv2.Rodrigues(np.array(angles))[0] @ camera.R
-    return replace(camera, R=R, t=-R @ camera.centre)
-
-
 @pytest.mark.parametrize(
     ("parameter", "wrong"),
     [(1, 0.005), (3, 0.03), (7, 0.1)],
@@ -100,7 +94,7 @@ def test_an_error_of_one_camera_is_measured(parameter, wrong):
     """The measurements of all cameras give the correction of one parameter of the second."""
     cameras, lags = list(CAMERAS), LAGS.copy()
     if parameter == 1:
-        cameras[1] = turn(cameras[1], [0, wrong, 0])
+        cameras[1] = scenes.turned(cameras[1], [0, wrong, 0])
     elif parameter == 3:
         own = cameras[1]
         cameras[1] = replace(own, t=-own.R @ (own.centre + np.array([wrong, 0, 0])))

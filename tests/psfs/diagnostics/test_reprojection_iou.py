@@ -4,9 +4,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers.commands import succeed
 
 from cl import Device
-from psfs.cli import main
 from psfs.diagnostics.reprojection_iou import Checker, volume_region, whole_silhouettes
 from psfs.output.reconstruction_folder import ReconstructionFolder
 from psfs.reconstructor import Reconstructor
@@ -19,7 +19,7 @@ def run(small_walk: Path, tmp_path_factory: pytest.TempPathFactory) -> Reconstru
     """Four frames of a walk, before a background whose silhouettes learn."""
     out = tmp_path_factory.mktemp("check") / "out"
     command = ["reconstruct", str(small_walk), "-o", str(out), "--no-colour"]
-    assert main([*command, "--voxel-size", "0.04"]) == 0
+    succeed("psfs", *command, "--voxel-size", "0.04")
     return ReconstructionFolder.open(out)
 
 

@@ -6,11 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers import footage, scenes
+from helpers.commands import fail, succeed
 
 from psfs.cameras.camera import CameraRig
 from psfs.cameras.rig_geometry import find_seen_box
 from psfs.cameras.units import rotate_rig, rotation_to_z_up, scale_rig
-from psfs.cli import main
 from psfs.diagnostics.sequence_info import rig_warnings, sequence_info
 from psfs.sequence import Sequence
 
@@ -61,23 +61,20 @@ def test_two_cameras_that_look_apart() -> None:
         "cam01DLC_resnet50_100000.csv",
     ],
 )
-def test_keypoints_are_noticed_and_not_read(
-    tmp_path: Path, name: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_keypoints_are_noticed_and_not_read(tmp_path: Path, name: str) -> None:
     folder = footage.native(tmp_path / "walk")
     assert sequence_info(Sequence.open(folder)).keypoints is None
     (folder / name).parent.mkdir(parents=True, exist_ok=True)
     (folder / name).write_text("nothing that could be read")
-    assert main(["info", str(folder), "--no-pictures"]) == 0
-    assert "note: keypoints of a pose network" in capsys.readouterr().out
+    said = succeed("psfs", "info", folder, "--no-pictures").out
+    assert "note: keypoints of a pose network" in said
 
 
-def test_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_command(tmp_path: Path) -> None:
     folder = footage.native(tmp_path / "walk[1]")
-    assert main(["info", str(folder), "--up", "-z", "--volume", "-1,1,-1,1,0,2"]) == 0
-    captured = capsys.readouterr()
+    captured = succeed("psfs", "info", folder, "--up", "-z", "--volume", "-1,1,-1,1,0,2")
     assert "cam03" in captured.out and "64 x 48" in captured.out and "walk[1]" in captured.out
     assert "warning: all cameras lie below z = 0" in captured.out
     assert "(-1.00, -1.00, 0.00) to (1.00, 1.00, 2.00) m" in captured.out
     assert captured.err == ""
-    assert main(["info", str(folder), "--volume", "1,2,3"]) == 2
+    fail("psfs", "info", folder, "--volume", "1,2,3")

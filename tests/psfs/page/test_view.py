@@ -9,17 +9,17 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from helpers.commands import fail, succeed
 from helpers.scenes import ring
 from helpers.studio import save_voxels
 
 import psfs.cli.view as command
-from psfs.cli import main
 from psfs.page.pictures import crosses, find_straight_map, locate_point
 
 
 def test_a_picture_of_a_mesh(out: Path, tmp_path: Path) -> None:
     path = tmp_path / "view.png"
-    assert main(["view", str(out), "--frame", "2", "--png", str(path), "--mesh"]) == 0
+    succeed("psfs", "view", str(out), "--frame", "2", "--png", str(path), "--mesh")
     picture = cv2.imread(str(path))
     assert picture is not None and picture.shape[1] == 1800
     outline = cv2.inRange(picture[420:], np.array([40, 180, 40]), np.array([80, 255, 80]))
@@ -39,7 +39,7 @@ def watched(monkeypatch: pytest.MonkeyPatch, folder: Path, *flags: str) -> Calla
             look(page.watch)
 
         monkeypatch.setattr(command, "serve", serve)
-        assert main(["view", str(folder), "--port", "0", *flags]) == 0
+        succeed("psfs", "view", str(folder), "--port", "0", *flags)
 
     return show
 
@@ -78,15 +78,11 @@ def test_page_shows_meshes(out: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     watched(monkeypatch, out, "--mesh")(look)
 
 
-def test_bad_use_is_one_line(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_bad_use_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     folder = save_voxels(tmp_path / "voxels")
-    assert main(["view", str(folder), "--port", "70000"]) == 2
-    assert main(["view", str(folder), "--frame", "9"]) == 2
+    lines = [fail("psfs", "view", folder, *of) for of in (["--port", "70000"], ["--frame", "9"])]
     monkeypatch.setitem(sys.modules, "viser", None)
-    assert main(["view", str(folder)]) == 2
-    lines = capsys.readouterr().err.splitlines()
+    lines.append(fail("psfs", "view", folder))
     assert "--port" in lines[0] and "holds frames 0 to 3" in lines[1]
     assert "[studio]'" in lines[2] and "--png FILE" in lines[2]
 

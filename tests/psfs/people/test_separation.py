@@ -32,12 +32,11 @@ def somebody(x: float) -> np.ndarray:
 def film(folder: Path, points: np.ndarray) -> Path:
     """Write three frames of four cameras that show the same points, as masks."""
     rig = scenes.without_distortion(CameraRig(scenes.ring(4).cameras))
-    footage.write_toml(folder / "calibration.toml", footage.tables(rig))
-    prints = voxel_footprints(rig, STEP)
-    for view, camera in enumerate(rig):
-        shown = voxel_silhouette(camera, points, prints[view], camera.size[::-1])
-        footage.write_masks(folder, camera.name, 3 * [np.where(shown, 255, 0).astype(np.uint8)])
-    return folder
+    views = [
+        3 * [255 * voxel_silhouette(camera, points, extent, camera.size[::-1]).astype(np.uint8)]
+        for camera, extent in zip(rig, voxel_footprints(rig, STEP), strict=True)
+    ]
+    return footage.write_take(folder, rig, views)
 
 
 def test_both_people_are_reconstructed(tmp_path: Path, device: Device) -> None:

@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 import pytest
 from helpers import scenes
+from helpers.calibration import moved, unplaced
 
 from cl import InputError
 from psfs.cameras.camera import CameraRig
@@ -86,15 +87,11 @@ def outlines():
     ]
 
 
-def uncalibrated():
-    return [replace(camera, R=np.eye(3), t=np.zeros(3)) for camera in CAMERAS]
-
-
 def test_cameras_times_floor_and_scale_are_found(monkeypatch):
     """As in a large rig, arrangements are compared by some of the cameras: of these pictures they
     find the last one half a stride late."""
     monkeypatch.setattr(calibrator, "CORE", 3)
-    found = calibrate_by_person(uncalibrated(), outlines(), UNSEEN, RATE, CONFIG)
+    found = calibrate_by_person(unplaced(CAMERAS), outlines(), UNSEEN, RATE, CONFIG)
     np.testing.assert_allclose(found.lags, LAGS, atol=0.03)
     centres, truth = found.rig.centres, np.array([camera.centre for camera in CAMERAS])
     own, true = (np.linalg.norm(c[:, None] - c[None], axis=-1) for c in (centres, truth))
@@ -112,9 +109,8 @@ def test_a_given_start_is_adjusted_in_its_own_world():
     tell up."""
     rng, start = np.random.default_rng(5), []
     for camera in CAMERAS:
-        turn = cv2.Rodrigues(rng.normal(0, np.radians(1.2), 3))[0]
-        R = turn @ camera.R
-        start.append(replace(camera, R=R, t=-R @ (camera.centre + rng.normal(0, 0.03, 3))))
+        turned = scenes.turned(camera, rng.normal(0, np.radians(1.2), 3))
+        start.append(moved(turned, rng.normal(0, 0.03, 3)))
     lags = np.add(LAGS, [0, 0.5, -0.5, 0.4])
     places = rng.uniform(-1, 1, (12, 2))
     corners = np.stack([np.column_stack([places, np.full(12, z)]) for z in (0.2, 2)], axis=1)
@@ -146,7 +142,7 @@ def test_films_that_tell_no_cameras_are_refused(views, change, said):
     films[-1] = films[-1][::-1]
     quick = CONFIG.replace(longest_lag=0.1)
     with pytest.raises(InputError, match=said):
-        calibrate_by_person(uncalibrated()[:views], films, UNSEEN[:views], RATE, quick)
+        calibrate_by_person(unplaced(CAMERAS)[:views], films, UNSEEN[:views], RATE, quick)
 
 
 def test_a_film_of_something_else_is_named():

@@ -68,4 +68,4 @@ def test_hands_that_are_lowest_do_not_tilt_the_floor():
     low[:, 2] += 0.03 * low[:, 0] - 0.02 * low[:, 1]
     low[low[:, 0] > 1.2, 2] += 0.9  # at one end of the walk the feet are not seen
     assert 10 < (low[:, 2] > 0.5).sum() < 40
-    np.testing.assert_allclose(fit_floor(low), [0.03, -0.02], atol=0.004)
+    np.testing.assert_allclose(fit_floor(low), [-0.03, 0.02, 1], atol=0.004)

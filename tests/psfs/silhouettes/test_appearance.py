@@ -9,13 +9,13 @@ from helpers import scenes
 from helpers.shared import shared_data
 
 from cl import Device, NumpyDevice
+from psfs.cameras.rig_geometry import floor_points
 from psfs.reconstructor import ReconstructionConfig, Reconstructor
 from psfs.reference.appearance import NumpyForeground
 from psfs.reference.reconstructor import NumpyReconstructor
 from psfs.sequence import Sequence
 from psfs.silhouettes.appearance import BINS
-from psfs.silhouettes.config import AppearanceConfig, FloorConfig, SilhouetteConfig
-from psfs.silhouettes.floor_shadow import floor_points
+from psfs.silhouettes.config import AppearanceConfig, SilhouetteConfig
 from psfs.voxels.grid import VoxelGrid
 
 
@@ -58,16 +58,23 @@ def test_a_second_look(device: Device, monkeypatch, look_again: bool, lessons: l
     assert counts == lessons
 
 
-def test_the_persons_colour_is_learnt_and_nobody_elses() -> None:
+def test_the_persons_colour_is_learnt_and_nobody_elses_and_where_the_person_stood() -> None:
     rig, frame, background = scene()
     twin = NumpyReconstructor(NumpyDevice(), rig, scenes.small_grid(), background)
     twin(frame)
-    assert twin.foreground is not None
-    colours = twin.foreground.colours.reshape((BINS,) * 3)
+    learner = twin.foreground
+    assert learner is not None
+    colours = learner.colours.reshape((BINS,) * 3)
     own = 128 * BINS // 256
     assert np.unravel_index(colours.argmax(), colours.shape) == (own, own, own)
     never_seen = SilhouetteConfig().evidence.ratio_steps * np.log(0.1)
     assert colours.min() >= np.floor(never_seen)
+    likely = (learner.location > 0).repeat(4, 1).repeat(4, 2)[:, : rig.height, : rig.width]
+    masks = frame.masks > 0
+    assert (likely & masks).sum() > 0.95 * masks.sum()
+    assert (likely & masks).sum() > 0.6 * likely.sum()
+    learner.forget_location()
+    assert not learner.location.any()
 
 
 def test_a_picture_full_of_foreground_teaches_no_colours() -> None:
@@ -79,23 +86,9 @@ def test_a_picture_full_of_foreground_teaches_no_colours() -> None:
     assert not learner.colours.any()
 
 
-def test_the_location_is_where_the_person_stood() -> None:
-    rig, frame, background = scene()
-    twin = NumpyReconstructor(NumpyDevice(), rig, scenes.small_grid(), background)
-    twin(frame)
-    learner = twin.foreground
-    assert learner is not None
-    likely = (learner.location > 0).repeat(4, 1).repeat(4, 2)[:, : rig.height, : rig.width]
-    masks = frame.masks > 0
-    assert (likely & masks).sum() > 0.95 * masks.sum()
-    assert (likely & masks).sum() > 0.6 * likely.sum()
-    learner.forget_location()
-    assert not learner.location.any()
-
-
 def test_the_floor_is_where_rays_meet_it() -> None:
     rig, _, _ = scene()
-    points = floor_points(rig, FloorConfig(height=0.1))
+    points = floor_points(rig, 0.1)
     there = np.isfinite(points[..., 0])
     assert there.any() and not there.all()
     for view, camera in enumerate(rig):

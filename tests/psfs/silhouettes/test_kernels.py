@@ -1,8 +1,6 @@
 """Each kernel of the silhouettes on every OpenCL device, given what the others left, against the
 twin of that step."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 from helpers import scenes
@@ -31,10 +29,13 @@ from psfs.silhouettes.config import EvidenceSmoothingConfig, SilhouetteConfig
 from psfs.silhouettes.silhouette import Silhouette
 
 CONFIG = SilhouetteConfig()
+Shaded = tuple[CameraRig, Background, np.ndarray]
 
 
-def shaded(views: int, size: tuple[int, int]) -> tuple[CameraRig, Background, np.ndarray]:
+@pytest.fixture(scope="module", params=[(3, (50, 37)), (2, (161, 121))], ids=str)
+def shaded(request: pytest.FixtureRequest) -> Shaded:
     """A noisy textured scene with the test body, whose mixed edges are soft, and a shadow."""
+    views, size = request.param
     rig = scenes.ring(views, size)
     frame, background = scenes.pictures_of(rig, seed=views)
     images = frame.images.astype(float)
@@ -74,14 +75,10 @@ def evidence_of(ratios: np.ndarray, rig: CameraRig) -> np.ndarray:
     )
 
 
-SIZES = [(3, (50, 37)), (2, (161, 121))]
-
-
 @pytest.mark.parity("reconstruction/floor_light.floor_light")
-@pytest.mark.parametrize(("views", "size"), SIZES)
-def test_light_on_the_floor(device: Device, views: int, size: tuple[int, int]) -> None:
-    rig, background, images = shaded(views, size)
-    launch = launch_of(device, "floor_light.floor_light", rig, background, images)
+def test_light_on_the_floor(device: Device, shaded: Shaded) -> None:
+    rig, background, images = shaded
+    launch = launch_of(device, "floor_light.floor_light", *shaded)
     bordered = launch.after["floor_light"]
     background = in_light_of(launch, background)
     inner = bordered[:, 1:-1, 1:-1]
@@ -97,10 +94,9 @@ def test_light_on_the_floor(device: Device, views: int, size: tuple[int, int]) -
 
 
 @pytest.mark.parity("reconstruction/silhouette.log_ratio")
-@pytest.mark.parametrize(("views", "size"), SIZES)
-def test_log_ratios(device: Device, views: int, size: tuple[int, int]) -> None:
-    rig, background, images = shaded(views, size)
-    launch = launch_of(device, "silhouette.log_ratio", rig, background, images)
+def test_log_ratios(device: Device, shaded: Shaded) -> None:
+    rig, background, images = shaded
+    launch = launch_of(device, "silhouette.log_ratio", *shaded)
     lit, ratios = in_light_of(launch, background), launch.after["ratios"]
     widths = CONFIG.background.shadow_width(background.mean)
     floor = floor_light(images, rig, lit, CONFIG)
@@ -113,20 +109,16 @@ def test_log_ratios(device: Device, views: int, size: tuple[int, int]) -> None:
 
 
 @pytest.mark.parity("reconstruction/silhouette.silhouette")
-@pytest.mark.parametrize(("views", "size"), SIZES)
-def test_sums_of_ratios(device: Device, views: int, size: tuple[int, int]) -> None:
-    rig, background, images = shaded(views, size)
-    launch = launch_of(device, "silhouette.silhouette", rig, background, images)
-    np.testing.assert_array_equal(
-        launch.after["evidence"], evidence_of(launch.before["ratios"], rig)
-    )
+def test_sums_of_ratios(device: Device, shaded: Shaded) -> None:
+    launch = launch_of(device, "silhouette.silhouette", *shaded)
+    expected = evidence_of(launch.before["ratios"], shaded[0])
+    np.testing.assert_array_equal(launch.after["evidence"], expected)
 
 
 @pytest.mark.parity("reconstruction/silhouette.rim")
-@pytest.mark.parametrize(("views", "size"), SIZES)
-def test_ratios_of_mixed_pixels(device: Device, views: int, size: tuple[int, int]) -> None:
-    rig, background, images = shaded(views, size)
-    launch = launch_of(device, "silhouette.rim", rig, background, images)
+def test_ratios_of_mixed_pixels(device: Device, shaded: Shaded) -> None:
+    rig, background, images = shaded
+    launch = launch_of(device, "silhouette.rim", *shaded)
     background = in_light_of(launch, background)
     seen = zip(images, background.mean, background.std, launch.before["evidence"], strict=True)
     mixed = in_counts(np.stack([mixed_ratio(*view, CONFIG) for view in seen]))
@@ -138,14 +130,11 @@ def test_ratios_of_mixed_pixels(device: Device, views: int, size: tuple[int, int
 
 @pytest.mark.parity("reconstruction/silhouette.smoothed_evidence")
 @pytest.mark.parametrize("smoothing", [EvidenceSmoothingConfig(), EvidenceSmoothingConfig(reach=1)])
-@pytest.mark.parametrize(("views", "size"), SIZES)
 def test_smoothed_evidence(
-    device: Device, views: int, size: tuple[int, int], smoothing: EvidenceSmoothingConfig
+    device: Device, shaded: Shaded, smoothing: EvidenceSmoothingConfig
 ) -> None:
-    rig, background, images = shaded(views, size)
-    config = CONFIG.replace(smoothing=smoothing)
-    kernel = "silhouette.smoothed_evidence"
-    launch = launch_of(device, kernel, rig, background, images, config)
+    (rig, _, images), config = shaded, CONFIG.replace(smoothing=smoothing)
+    launch = launch_of(device, "silhouette.smoothed_evidence", *shaded, config)
     before, ratios = launch.before["evidence"], launch.before["ratios"][:, 1:-1, 1:-1]
     near = np.stack([find_near_foreground(view) for view in before]) & picture_masks(rig)
     smoothed = [smooth_evidence(*view, config) for view in zip(images, ratios, strict=True)]
@@ -176,12 +165,7 @@ def test_what_is_learnt(device: Device, views: int, shown: str) -> None:
     cell_odds = device.zeros((views, *cells(rig)), np.int8)
     prior = ForegroundPrior(device.zeros(BINS**3, np.int8), cell_odds)
     foreground = Foreground(device, rig, CONFIG, *inputs, prior)
-    listed = np.append(surface, np.int32(grid.size - 1))  # what is beyond `count` is stale
-    voxels = SimpleNamespace(
-        grid=grid,
-        surface=device.to_device(listed),
-        count=device.to_device(np.array([len(surface)], np.int32)),
-    )
+    voxels = scenes.voxels_at(device, grid, surface)
     for _ in range(3):
         images = np.where(person[..., None], [40, 90, 200], random.integers(0, 256, (*shape, 3)))
         images = images.astype(np.uint8)

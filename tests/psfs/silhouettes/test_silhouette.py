@@ -163,9 +163,7 @@ def test_light_on_the_floor(device: Device) -> None:
     assert (np.abs(counts.astype(int) - expected) > 1).mean() < 2e-3
     light = floor_light(images, rig, plate, config)
     assert 0.54 < np.nanmin(light) < 0.56 and np.nanmax(light) == 1
-    inside = np.zeros_like(post)
-    for view, camera in enumerate(rig):
-        inside[view, : camera.size[1], : camera.size[0]] = True
+    inside = picture_masks(rig)
     person = (counts > 0) & inside
     shadow = (images[..., 0] == 66) & ~post & inside
     assert (person & shadow).sum() < 0.15 * shadow.sum()

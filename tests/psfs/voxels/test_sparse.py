@@ -50,6 +50,9 @@ def compare(
     np.testing.assert_array_equal(there[near], every[near])
     assert np.isin(there[~near], np.append(every[~near], 0)).all()
     surface = surface_voxels(occupied, config.closed_surface)
+    # Voxels at the border of two pixels, or as probable as the threshold, may differ.
+    twins = surface_voxels(expected > config.threshold, config.closed_surface)
+    assert len(np.setxor1d(surface, twins)) <= max(2, 5e-3 * len(twins))
     np.testing.assert_array_equal(found.list.indices.get(len(surface)), surface)
     assert found.list.count.get()[0] == len(surface)
     assert found.list.occupied.get()[0] == occupied.sum()
@@ -77,35 +80,16 @@ def test_bricks_are_left_out_where_nothing_is(device: Device, views: int, distor
     "reconstruction/pool.spread",
 )
 @pytest.mark.parametrize(
-    ("views", "shape"), [(3, (3, 30, 70)), (1, (33, 40, 32)), (3, (21, 28, 17))]
+    ("views", "shape"),
+    [(3, (1, 1, 1)), (3, (3, 1, 70)), (3, (3, 30, 70)), (1, (33, 40, 32)), (3, (21, 28, 17))],
 )
-def test_sparse_agrees_with_the_twin(
-    device: Device, views: int, shape: tuple[int, int, int]
-) -> None:
+def test_grids_of_any_shape(device: Device, views: int, shape: tuple[int, int, int]) -> None:
     rig, grid = scenes.ring(views), VoxelGrid(np.array([-0.2, -0.1, 0.3]), 0.03, shape)
     config = OccupancyConfig(prior=0.4, min_cameras=1)
-    evidence = scenes.patches_of_evidence(rig, 1, 8, 70, 0.2)
-    found = SparseSurface(Bricks(device, rig, grid, device.to_device(evidence), STEP, config))
-    found()
-    indices = found.list.indices.get(int(found.list.count.get()[0]))
-    smoothed = smooth(occupancy(rig, grid, evidence, STEP, config), faces=True)
-    expected = surface_voxels(smoothed > config.threshold, config.closed_surface)
-    assert len(expected) > 20
-    # Voxels at the border of two pixels, or as probable as the threshold, may differ.
-    union = np.union1d(indices, expected)
-    common = np.intersect1d(indices, expected)
-    assert len(union) - len(common) <= max(2, 5e-3 * len(union))
-    away = np.abs(found.download()[1] - smoothed.ravel()[indices])
-    assert (away > 1e-5).mean() < 0.01
-    near = ndimage.binary_dilation(smoothed > config.threshold, np.ones((3, 3, 3)))
-    assert (np.abs(found.probability.get() - smoothed)[near] > 1e-5).mean() < 0.01
-
-
-@pytest.mark.parametrize("shape", [(1, 1, 1), (3, 1, 70), (33, 40, 32)])
-def test_odd_grids(device: Device, shape: tuple[int, int, int]) -> None:
-    rig = scenes.ring(3)
-    grid = VoxelGrid(np.array([-0.2, -0.1, 0.3]), 0.03, shape)
-    compare(device, rig, grid, evidence_of(rig, 1, 6), OccupancyConfig(min_cameras=1))
+    compare(device, rig, grid, evidence_of(rig, 1, 6), config)
+    evidence = scenes.patches_of_evidence(rig, 1, 8, 70, 0.2)  # mostly somebody
+    count, _ = compare(device, rig, grid, evidence, config)
+    assert count > 20 or grid.size < 1000
 
 
 def test_voxels_behind_and_around_the_cameras(device: Device) -> None:
