@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from collections.abc import Sequence as Items
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial, reduce
+from itertools import islice
 from pathlib import Path
 from typing import NamedTuple, TypeAlias
 
@@ -45,9 +46,8 @@ from psfs.voxels.grid import VoxelGrid
 #: None.
 Keep: TypeAlias = Callable[[BodyModel, np.ndarray, Items[Track]], "Items[Path] | None"]
 
-#: Frames in which a start is sought at most, and starts, in frames apart, between which the whole
-#: take decides: a limb that one frame hides, another one shows.
-_TRIES, _STARTS = 3, 2
+#: Frames, far apart, in which a start is sought at most: what one frame hides, another one shows.
+_TRIES = 3
 #: Least rate, frames/s, at which every second frame is enough for that.
 _COMPARED_RATE = 20.0
 #: Frames of the take to which the body of a start is fitted, and times at most; ratio of costs
@@ -83,14 +83,14 @@ class Take:
 @dataclass(frozen=True, eq=False)
 class StartedTake:
     """A take whose body and first pose are known. start: the automatic start, None if they were
-    given. personal: whether the body is fitted to the outlines of all frames. others: the starts in
-    other frames. settings: those of the take."""
+    given. personal: whether the body is fitted to the outlines of all frames. others: yields starts
+    in other frames. settings: those of the take."""
 
     session: Session
     task: TrackingTask
     start: Start | None = None
     personal: bool = False
-    others: tuple[Start, ...] = ()
+    others: Iterable[Start] = ()
     settings: TakeSettings | None = None
 
 
@@ -132,7 +132,7 @@ def start_take(
     method, body_and_pose = settings.tracked_method, settings.given
     start: Start | None = None
     frame: int | None = None
-    others: list[Start] = []
+    others: Iterable[Start] = ()
     keypoint_fit: KeypointStart | None = None
     if body_and_pose is None:
         check_startable(settings.body_template)  # before anything that takes time
@@ -151,14 +151,15 @@ def start_take(
     personal = body_and_pose is None and method.goes_back and not settings.keep_shape
     if body_and_pose is None:
         report("start")
-        start, *others = _find_starts(session, settings, personal, lambda: report("start"))
+        starts = _seek_starts(session, settings, personal, lambda: report("start"))
+        start, others = (next(starts), starts) if personal else (_find_clearest(starts), ())
         body_and_pose, frame = (start.body, start.pose), start.frame
     body, pose = body_and_pose
     if method.uses_voxels and start is None:
         check_first_pose(automatic_grid(session), body, pose, session.sequence.name)
     points = None if keypoint_fit is None else keypoint_fit.observations
     task = TrackingTask(body, pose, method, settings.run_seeds, points, frame)
-    return StartedTake(session, task, start, personal, tuple(others), settings)
+    return StartedTake(session, task, start, personal, others, settings)
 
 
 def track_first(
@@ -229,16 +230,24 @@ def choose_starts(
     started: Items[StartedTake], progress: Callable[[str], object] | None = None
 ) -> list[StartedTake]:
     """Return the starts, or in place of one that of its rivals, facing away or in another frame,
-    whose body fits best to the whole take: all are tracked through it, see `_try_starts`.
-    The `rival` of a start is then that of the take. Its body, of which what the person carries
+    whose body fits best to the whole take: all are tracked through it, see `_try_starts`. Another
+    frame is tried for as long as the best one's track is that of no start in another frame. The
+    `rival` of a start is then that of the take. Its body, of which what the person carries
     becomes a part, is fitted to frames all over the take, and tracked again, for as long as it fits
     better. Raises UserError and KeyboardInterrupt."""
-    chosen, rivals = list(started), dict[int, list[StartedTake]]()
+    chosen, starts, others = list(started), dict[int, list[Start]](), dict[int, Iterator[Start]]()
     for number, take in enumerate(started):
         if take.start is not None and take.personal:
-            starts = (take.start, *take.start.rivals, *take.others)
-            rivals[number] = [_begin_with(take, start) for start in starts]
-    best = {number: _choose(tries) for number, tries in _try_starts(rivals, progress).items()}
+            others[number] = iter(take.others)
+            starts[number] = [take.start, *take.start.rivals, *islice(others[number], 1)]
+    tried: dict[int, list[_Try]] = {number: [] for number in starts}
+    while starts:
+        takes = {k: [_begin_with(chosen[k], each) for each in some] for k, some in starts.items()}
+        for number, tries in _try_starts(takes, progress).items():
+            tried[number] += tries
+        doubtful = (number for number, tries in tried.items() if not _is_confirmed(tries))
+        starts = {k: more for k in doubtful if (more := [*islice(others[k], 1)])}
+    best = {number: _choose(tries) for number, tries in tried.items()}
     better = best
     for _ in range(_REFITS):
         fitted = {number: _refit(each, progress) for number, each in better.items()}
@@ -257,6 +266,12 @@ class _Try(NamedTuple):
     take: StartedTake
     track: Track
     cost: float
+
+    @property
+    def first_frame(self) -> int:
+        """The first of the frames in which the start was sought."""
+        assert self.take.start is not None
+        return self.take.start.frames[0]
 
 
 def _begin_with(take: StartedTake, start: Start) -> StartedTake:
@@ -306,12 +321,23 @@ def _measure_velocities(track: Track) -> np.ndarray:
 def _choose(tries: Items[_Try]) -> _Try:
     """Return the try that costs least; its start's rival is the best one with another track."""
     best = min(tries, key=lambda each: each.cost)
-    joints = np.stack([each.track.joints for each in tries])
-    apart = np.linalg.norm(joints - best.track.joints, axis=-1).mean((1, 2)) > SAME_PLACE
-    others = [each.cost for each, other in zip(tries, apart, strict=True) if other]
+    others = [each.cost for each in tries if not _is_same(each.track, best.track)]
     assert best.take.start is not None
     start = replace(best.take.start, rival=min(others, default=np.inf) / best.cost, rivals=())
     return best._replace(take=replace(best.take, start=start))
+
+
+def _is_confirmed(tries: Items[_Try]) -> bool:
+    """Return whether a start in other frames leads to the track that costs least."""
+    best = min(tries, key=lambda each: each.cost)
+    return any(
+        each.first_frame != best.first_frame and _is_same(each.track, best.track) for each in tries
+    )
+
+
+def _is_same(one: Track, other: Track) -> bool:
+    """Return whether the joints of two tracks are in the same places on average."""
+    return float(np.linalg.norm(one.joints - other.joints, axis=-1).mean()) <= SAME_PLACE
 
 
 def _prefer(one: _Try, other: _Try) -> _Try:
@@ -437,27 +463,33 @@ def compare_passes(first: Track, second: Track) -> Track:
     return replace(second, diagnostics={**stated, passes: joined}).judged
 
 
-def _find_starts(
+def _seek_starts(
     session: Session, settings: TakeSettings, compared: bool, progress: Callable[[], object]
-) -> list[Start]:
-    """Return starts, sought from the likeliest frames on. If they are `compared` afterwards, these
-    are `_STARTS`, of which the first one has a rival; else all up to the first whose heading is not
-    ambiguous, the least ambiguous one first."""
-    starts: list[Start] = []
-    failed: StartError | None = None
+) -> Iterator[Start]:
+    """Yield starts, sought from the likeliest frames on. If they are `compared` afterwards, the
+    first one alone has a rival. Raises StartError if there is none."""
+    n_found, failed = 0, None
     for frame in rank_starts(session, progress):
+        turned = n_found == 0 or not compared
         try:
-            turned = not (compared and starts)
             start = _start_in(session, settings.body_template, settings, frame, progress, turned)
         except StartError as error:
             failed = failed or error
             continue
-        starts.append(start)
-        if len(starts) == _STARTS if compared else not start.is_ambiguous:
-            break
-    if not starts:
+        n_found += 1
+        yield start
+    if n_found == 0:
         raise failed or StartError("no start was tried; expected frames with a person")
-    return starts if compared else sorted(starts, key=lambda start: -start.rival)
+
+
+def _find_clearest(starts: Iterable[Start]) -> Start:
+    """Return the first start whose heading is not ambiguous, else the least ambiguous one."""
+    sought = list[Start]()
+    for start in starts:
+        sought.append(start)
+        if not start.is_ambiguous:
+            break
+    return max(sought, key=lambda start: start.rival)
 
 
 def _start_in(

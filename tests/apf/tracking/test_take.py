@@ -176,7 +176,7 @@ def test_the_take_decides_between_starts(monkeypatch: pytest.MonkeyPatch) -> Non
     assert first is alone and len(fitted) == 1
     assert chosen.start is not None  # the third is the same track
     assert chosen.start.rival == pytest.approx(20 / 16)
-    assert chosen.task.frame == 5 and not chosen.others
+    assert chosen.task.frame == 5
     np.testing.assert_array_equal(chosen.task.pose, track.poses[5])
     costs[:] = [15.0, 14.0, 14.5]
     _, chosen = choose_starts(both)
@@ -188,6 +188,24 @@ def test_the_take_decides_between_starts(monkeypatch: pytest.MonkeyPatch) -> Non
     _, chosen = choose_starts(both)
     np.testing.assert_array_equal(chosen.task.pose, track.poses[7])
     assert chosen.task.frame == 7
+
+
+@pytest.mark.parametrize(("off", "n_left"), [((1.0, 1.01), 2), ((0.5, 1.01), 1), ((0.5, 2), 0)])
+def test_starts_are_sought_until_one_confirms_the_best(
+    monkeypatch: pytest.MonkeyPatch, off: tuple[float, float], n_left: int
+) -> None:
+    """Another frame's start has to lead to the same track; frames are tried one after the other."""
+    results = [with_error(9.0, 0.2, at) for at in (*off, 3.0)]
+    results[:0] = [with_error(8.0, 0.2, 1.0), with_error(9.0)]
+    monkeypatch.setattr(
+        take, "track_people", lambda runs, progress: [results.pop(0) for run in runs]
+    )
+    monkeypatch.setattr(take, "_refit", lambda *args: [])
+    first, rival, *others = (start_in(walker(), frame) for frame in (4, 4, 5, 6, 7))
+    start, more = replace(first, rivals=(rival,)), iter(others)
+    task = TrackingTask(start.body, start.pose, Method(), [0], frame=4)
+    (chosen,) = choose_starts([StartedTake(session_of({}), task, start, True, more)])
+    assert chosen.task.frame == 4 and len(results) == len(list(more)) == n_left
 
 
 @pytest.mark.parametrize(("error", "frame"), [(9.0, 4), (7.0, 5)])
