@@ -93,7 +93,7 @@ def write_truth(folder: Path, scene: SyntheticScene) -> None:
     fps, names, everybody = scene.config.fps, scene.joint_names, scene.people_joints
     rest = {"joint_names": np.array(names), "fps": np.float64(fps)}
     if len(everybody) == 1:
-        np.savez(folder / "truth.npz", joints=everybody[0], **rest)
+        np.savez(folder / "truth.npz", joints=scene.joints, **rest)
         files = ["truth.trc"]
     else:
         persons = [f"person{number}" for number in range(1, len(everybody) + 1)]

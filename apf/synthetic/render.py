@@ -241,7 +241,7 @@ class SyntheticScene:
     """People walking in a room, rendered frame by frame; deterministic for a given seed.
 
     rig: the cameras. joint_names: of the truth. people_joints: (P, F, J, 3) m, NaN where somebody
-    is absent. Raises InputError for the NumPy device.
+    is absent; joints: (F, J, 3) of the first person. Raises InputError for the NumPy device.
     """
 
     def __init__(self, config: SceneConfig, device: Device | NumpyDevice) -> None:
@@ -261,6 +261,7 @@ class SyntheticScene:
         self._there = presence(config)
         joints = np.stack([walker.joints for walker in self._walkers])
         self.people_joints = np.where(self._there[:, :, None, None], joints, np.nan)
+        self.joints = joints[0]
         self.joint_names = self._walkers[0].joint_names
         self._sensor = Sensor(config)
         shapes = [walker.posed(0) for walker in self._walkers]
