@@ -26,7 +26,7 @@ from apf.tracking.people import PeopleTracks, holds_people, person_folder
 from apf.tracking.track import Track, spans
 from cl import InputError
 from psfs.cli.commandline import make_table, stdout, warn
-from psfs.common.files import name_file_in_errors, resolve_path, write_json
+from psfs.common.files import name_file_in_errors, resolve_path
 from psfs.common.outputs import output_folder
 
 
@@ -145,7 +145,7 @@ def _write_people(folder: Path, evaluation: PeopleEvaluation, wanted: list[str])
             written += _write_files(subfolder, errors, wanted, f"{subfolder.name} against {name}")
     if "json" in wanted:
         written.append(folder / "evaluation.json")
-        write_json(written[-1], evaluation.summary())
+        evaluation.write_json(written[-1])
     return written
 
 
@@ -160,7 +160,7 @@ def _write_files(folder: Path, evaluation: Evaluation, wanted: list[str], title:
         write_plot(written[-1], evaluation, title)
     if "json" in wanted:
         written.append(folder / "evaluation.json")
-        write_json(written[-1], evaluation.summary())
+        evaluation.write_json(written[-1])
     return written
 
 

@@ -19,6 +19,7 @@ from apf.tracking.limb_confidence import LOST_LIMB, SAME_PLACE
 from apf.tracking.track import Track
 from apf.tracking.uncertainty import is_inside_ellipsoid
 from cl import InputError
+from psfs.common.files import write_json
 from psfs.common.numbers import find_true_runs, json_number, mean_known
 
 #: A joint farther than this from the truth, m, counts as lost in that frame.
@@ -203,6 +204,9 @@ class Evaluation:
             "toes": self.toes.joint_table() if self.toes is not None else [],
             **summarise_angles(self.angles),
         }
+
+    def write_json(self, path: str | Path) -> None:
+        write_json(Path(path), self.summary())
 
     def write_csv(self, path: str | Path) -> None:
         """Write one row per frame: frame, time_s, mean_mm, then <joint>_mm, blank without truth."""

@@ -22,6 +22,7 @@ from apf.formats.trc import JointSeries
 from apf.tracking.people import PeopleTracks
 from apf.tracking.track import Track
 from cl import InputError
+from psfs.common.files import write_json
 from psfs.common.numbers import known_means, match_pairs
 
 #: A track whose joints lie farther than this, m, from a true person's on average is not theirs.
@@ -114,6 +115,9 @@ class PeopleEvaluation:
                 )
             ],
         }
+
+    def write_json(self, path: str | Path) -> None:
+        write_json(Path(path), self.summary())
 
 
 def find_followed(track: Track, truth: Mapping[str, JointSeries]) -> str:
