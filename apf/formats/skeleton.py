@@ -154,11 +154,11 @@ def _rest_attitude(body: BodyModel) -> np.ndarray:
     """
     rotations = bone_matrices(body, np.zeros((1, body.n_dof)))[0][0].copy()
     forward, up, right = standing_axes(body).T
-    places = standing_joints(body)
+    joints = standing_joints(body)
     for side, outwards in (("l", -right), ("r", right)):
         shoulder, elbow = f"{side}_shoulder", f"{side}_elbow"
-        if {shoulder, elbow} <= set(places):
-            turn = rotation_between(places[elbow] - places[shoulder], outwards)
+        if {shoulder, elbow} <= set(joints):
+            turn = rotation_between(joints[elbow] - joints[shoulder], outwards)
             arm = body.joints[body.joint_names.index(shoulder)].bone
             for bone in _list_descendants(body, arm):
                 rotations[bone] = turn @ rotations[bone]

@@ -69,7 +69,7 @@ def find_start(
     frames: Sequence[int] | None = None,
     height: float | None = None,
     keep_shape: bool = False,
-    turned: bool = True,
+    with_rival: bool = True,
     seed: int = 0,
     progress: Callable[[], object] | None = None,
     config: StartConfig | None = None,
@@ -82,8 +82,8 @@ def find_start(
 
     noise: of a tracker from one of `voxels` to the next, see `SearchConfig`. frames: the numbers of
     the frames, by default from 0 on. height: known stature, m. keep_shape: the template is the
-    person's own body. turned: whether the start shall have a rival that faces away. progress:
-    called every now and then.
+    person's own body. with_rival: whether to follow a rival that faces away. progress: called
+    every now and then.
 
     A body without head or feet is fitted to the part of the voxels that it models. Frames after the
     person has left are ignored. Raises StartError if the first frame shows nobody or the body has
@@ -96,7 +96,7 @@ def find_start(
     search.config = config.filter.with_changes(noise=noise, seed=seed)
     search.progress = progress or (lambda: None)
     anchor, likely = search.try_headings(config)
-    fits = search.follow(likely if turned else likely[:1], anchor)
+    fits = search.follow(likely if with_rival else likely[:1], anchor)
     best, *rivals = select_distinct(scene.body, fits, np.pi / config.n_headings)
     if best.misfit > _HOPELESS:
         raise StartError(

@@ -25,7 +25,7 @@ def initialise(
     *,
     height: float | None = None,
     keep_shape: bool = False,
-    turned: bool = True,
+    with_rival: bool = True,
     seed: int = 0,
     progress: Callable[[], object] | None = None,
 ) -> Start:
@@ -42,7 +42,7 @@ def initialise(
     return find_start(
         Scene(device, sequence.rig, grid, template),
         [store_voxels(device, carve(frame)) for frame in wanted], noise,
-        frames=frames, height=height, keep_shape=keep_shape, turned=turned, seed=seed,
+        frames=frames, height=height, keep_shape=keep_shape, with_rival=with_rival, seed=seed,
         progress=progress, config=config,
     )  # fmt: skip
 

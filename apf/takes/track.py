@@ -119,9 +119,10 @@ def run_track(
     frames = select_common_frames(request.frames, session.sequence, progress.warn)
     progress.n_frames = len(frames)
     if corrected is not None:
-        progress.n_frames = len(corrected[1])
+        corrections, track = corrected
+        progress.n_frames = len(track)
         _keep_judged(job, session)
-        return [_finish(job, examination, _correct(job, session, *corrected))]
+        return [_finish(job, examination, _correct(job, session, corrections, track))]
     try:
         return _track_people(job, examination, find_persons(job, examination, given), given)
     except InputError as error:

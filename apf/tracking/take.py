@@ -369,7 +369,9 @@ def _refit(tried: _Try, progress: Callable[[str], object] | None) -> list[Starte
         starts.append(fitted)
     if load:
         with suppress(StartError):
-            fresh = _start_in(take.session, template, settings, start.frames[0], report, False)
+            fresh = _start_in(
+                take.session, template, settings, start.frames[0], report, with_rival=False
+            )
             starts.insert(0, replace(fresh, rival=start.rival, rivals=()))
     return [_begin_with(take, each) for each in starts]
 
@@ -470,9 +472,11 @@ def _seek_starts(
     first one alone has a rival. Raises StartError if there is none."""
     n_found, failed = 0, None
     for frame in rank_starts(session, progress):
-        turned = n_found == 0 or not compared
+        with_rival = n_found == 0 or not compared
         try:
-            start = _start_in(session, settings.body_template, settings, frame, progress, turned)
+            start = _start_in(
+                session, settings.body_template, settings, frame, progress, with_rival
+            )
         except StartError as error:
             failed = failed or error
             continue
@@ -498,12 +502,12 @@ def _start_in(
     settings: TakeSettings,
     frame: int,
     progress: Callable[[], object],
-    turned: bool = True,
+    with_rival: bool = True,
 ) -> Start:
     """Return the start from `frame` on, see `find_start`. Raises StartError."""
     return initialise(
         session.with_frames(session.frames[session.frames.index(frame) :]), template,
-        height=settings.height, keep_shape=settings.keep_shape, turned=turned,
+        height=settings.height, keep_shape=settings.keep_shape, with_rival=with_rival,
         seed=settings.tracked_method.filter.search.seed, progress=progress,
     )  # fmt: skip
 

@@ -298,8 +298,8 @@ def _write_pictures(
     """Write a picture per camera: its detected points, drawn over its picture of the frame with the
     most detections."""
     frames = [sighting.frame // result.target.boards for sighting in result.sightings]
-    shown = views.rig.crop(views.read(max(set(frames), key=frames.count)).images)
-    for view, picture in zip(found, shown, strict=True):
+    pictures = views.rig.crop(views.read(max(set(frames), key=frames.count)).images)
+    for view, picture in zip(found, pictures, strict=True):
         write_view(folder / f"{view.camera.name}.png", view, picture)
 
 

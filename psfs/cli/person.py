@@ -75,10 +75,10 @@ def open_person_footage(request: PersonRequest) -> tuple[Sequence, list[Camera],
     views = open_uncalibrated(folder, settings, silhouettes=True)
     for note in views.notes:
         remark("note", "cyan", note)
-    cameras, kept = _read_lenses(request, views)
+    cameras, lenses_known = _read_lenses(request, views)
     config, stature = request.person_settings, request.stature
     config = config if stature is None else config.replace(stature=stature)
-    return views, cameras, config if kept else config.replace(focal=_FOCAL)
+    return views, cameras, config if lenses_known else config.replace(focal=_FOCAL)
 
 
 def outline_footage(

@@ -91,11 +91,11 @@ def _read(folder: Path, settings: SequenceSettings) -> Footage:
     kinds, guess = _assign_all_pictures(folder, calibrated.names)
     notes += [guess] if guess else []
     for kind, every in kinds.items():
-        found = {name: files for name, files in every.items() if name in names}
-        if len(found) == len(names):
-            whole[kind] = found, folder
-        elif found:
-            missing = [name for name in names if name not in found]
+        chosen = {name: files for name, files in every.items() if name in names}
+        if len(chosen) == len(names):
+            whole[kind] = chosen, folder
+        elif chosen:
+            missing = [name for name in names if name not in chosen]
             notes.append(f"{kind} are not used: none for {', '.join(missing)}")
     if not whole.keys() & {"images", "masks"}:
         raise InputError(

@@ -66,8 +66,8 @@ def test_a_moving_body_is_tracked_by_its_silhouettes_and_edges(device: Device) -
     direction = random.choice([-1, 1], body.n_dof) * body.sigma
     for step in range(1, 7):
         pose = np.clip(body.rest_pose + step * direction, body.lower, body.upper)
-        found = tracker.step(observe_silhouette(device, body, rig, pose)).pose
-    start, end, reached = posed_joints(body, np.stack([body.rest_pose, pose, found]))
+        estimate = tracker.step(observe_silhouette(device, body, rig, pose)).pose
+    start, end, reached = posed_joints(body, np.stack([body.rest_pose, pose, estimate]))
     moved, missed = (np.linalg.norm(end - there, axis=-1) for there in (start, reached))
     assert missed.mean() < 0.5 * moved.mean()
     assert missed.mean() < 0.05

@@ -26,8 +26,8 @@ def moved(**dofs: float) -> dict[str, np.ndarray]:
 def test_the_trunk_of_song32_bends_sideways() -> None:
     body = load_body("song32")
     assert set(body.dof_names) - set(SONG.dof_names) == {"thorax.rx"}
-    places = posed_joints(body, bodies.bent(body, thorax__rx=0.3)[None])[0]
-    joints = dict(zip(body.joint_names, places, strict=True))
+    positions = posed_joints(body, bodies.bent(body, thorax__rx=0.3)[None])[0]
+    joints = dict(zip(body.joint_names, positions, strict=True))
     assert joints["neck"][1] < -0.1  # to the right
     assert joints["l_hip"][2] == joints["r_hip"][2]
     assert trunk_mask(body)[body.dof_names.index("thorax.rx")]

@@ -102,8 +102,8 @@ def test_kernel_and_twin(device: Device, name: str, n_points: int) -> None:
     random = np.random.default_rng(n_points)
     points = bodies.surface_points(body, pose, n_points) + random.normal(0, 0.01, (n_points, 3))
     mean = np.clip(pose + random.normal(0, 1, body.n_dof) * body.sigma, body.lower, body.upper)
-    found = on_device(device, body, mean, points, config, USUAL)
-    assert_close(found, refine(body, mean, points, config, fit=USUAL), 2e-4)
+    refined = on_device(device, body, mean, points, config, USUAL)
+    assert_close(refined, refine(body, mean, points, config, fit=USUAL), 2e-4)
 
 
 def test_several_poses_at_once(device: Device) -> None:

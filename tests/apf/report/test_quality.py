@@ -172,8 +172,8 @@ def test_lost_frames_and_unsure_ends() -> None:
     covariance = np.tile(0.02**2 * np.eye(3), (30, 15, 1, 1))
     covariance[4, track.joint_names.index("r_wrist")] *= 100
     covariance[track.lost] = np.nan
-    told = {**track.diagnostics, "covariance": covariance}
-    quality = Quality(replace(track, diagnostics=told), None)
+    diagnostics = {**track.diagnostics, "covariance": covariance}
+    quality = Quality(replace(track, diagnostics=diagnostics), None)
     assert {what: rows.tolist() for what, rows in quality.doubtful.items()} == {
         "the person, lost": [20, 21],
         "right arm": [4],
