@@ -45,6 +45,11 @@ def trunk_mask(body: BodyModel) -> np.ndarray:
     return _dof_mask(body, trunk_bones(body))
 
 
+def root_mask(body: BodyModel) -> np.ndarray:
+    """Return (D,) bool: the degrees of freedom of the bones without a parent."""
+    return _dof_mask(body, [bone for bone, each in enumerate(body.bones) if each.parent < 0])
+
+
 def limb_chains(body: BodyModel) -> list[tuple[int, ...]]:
     """Return the bones of each limb, from the trunk to its end.
 

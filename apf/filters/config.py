@@ -82,8 +82,8 @@ class SearchConfig(Config):
     )
     velocity: float = setting(
         0.5,
-        "Share of the last change by which the next frame's particles are shifted: 0 for Song "
-        "et al. eq. (13), 1 for constant velocity.",
+        "Share of the last change by which the next frame's particles are shifted, and its weight "
+        "in the root's mean velocity: 0 for Song et al. eq. (13), 1 for constant velocity.",
         "tuned: legs are not swapped at low frame rates",
         least=0,
         most=1000,

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from apf.body.limbs import trunk_mask
+from apf.body.limbs import root_mask, trunk_mask
 from apf.body.model import BodyModel
 from apf.filters.config import SearchConfig
 from cl import Array, Device, Launch, Stage
@@ -31,8 +31,8 @@ class ParticleSet(Stage):
 
     `sets`: two pose arrays (N, D); each layer diffuses one into the other. `result`: what the host
     reads after a frame: mean (D,), deviation (D,), then effective sample size, beta and least error
-    per layer. `parents` (N,): parents of the next layer. `motion` (D, 2): last estimate, and shift
-    of the next frame's particles. `frame` (1,): number of the frame.
+    per layer. `parents` (N,): parents of the next layer. `motion` (D, 4): see end_frame.h. `frame`
+    (1,): number of the frame.
     """
 
     kernels = "tracking/annealing"
@@ -53,7 +53,9 @@ class ParticleSet(Stage):
         self.weights = device.empty((n,), np.float32, "the weights")
         self.result = device.zeros((2 * body.n_dof + 3 * config.n_layers,), np.float32)
         self.parents = device.empty((n,), np.int32, "the parents")
-        self.motion = device.zeros((body.n_dof, 2), np.float32)
+        self._still = np.zeros((body.n_dof, 4), np.float32)
+        self._still[:, 3] = velocity_memory(body, config)
+        self.motion = device.to_device(self._still)
         self.frame = device.zeros((1,), np.uint32)
         self._sigmas = device.to_device(layer_sigmas(body, config).astype(np.float32))
         self._limits = device.to_device(body.limits)
@@ -71,7 +73,7 @@ class ParticleSet(Stage):
             poses.set(np.tile(pose.astype(np.float32), (poses.shape[0], 1)))
         self.parents.set(np.arange(self.config.n_particles, dtype=np.int32))
         self.frame.fill(0)
-        self.motion.fill(0)
+        self.motion.set(self._still)
 
     def renew(self, layer: int, errors: Array, source: int) -> list[Launch]:
         """Return the launches that end a layer and, unless it is the last, diffuse the next.
@@ -253,6 +255,16 @@ def layer_sigmas(body: BodyModel, config: SearchConfig) -> np.ndarray:
     sigmas[:first, limbs] = 0.0
     sigmas[first:, limbs] *= config.noise_decay**-first
     return sigmas
+
+
+def velocity_memory(body: BodyModel, config: SearchConfig) -> np.ndarray:
+    """Return (D,) the share of each degree of freedom's velocity that stays from frame to frame.
+
+    A heavy body moves and turns steadily: the velocity of its root is an average over frames, in
+    which the last change has the weight `SearchConfig.velocity`. The other parts turn back and
+    forth.
+    """
+    return np.where(root_mask(body), max(0.0, 1.0 - config.velocity), 0.0)
 
 
 def seed_words(seed: int) -> np.ndarray:

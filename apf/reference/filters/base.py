@@ -8,7 +8,7 @@ import numpy as np
 
 from apf.filters.base import Estimate, Tracker, check_pose
 from apf.filters.config import FilterConfig
-from apf.filters.particle_set import layer_sigmas
+from apf.filters.particle_set import layer_sigmas, velocity_memory
 from apf.likelihood.observations import Observation, PointObservations, with_points
 from apf.reference.filters.limb_search import LimbSearchResult, search_limbs
 from apf.reference.filters.noise import normals
@@ -28,7 +28,7 @@ class NumpyTracker(Tracker):
         self.poses = np.tile(check_pose(self.body, pose), (n, 1))
         self._parents = np.arange(n)
         self._frame = 0
-        self._last, self._drift, self._deviation = np.zeros((3, self.body.n_dof))
+        self._last, self._drift, self._velocity, self._deviation = np.zeros((4, self.body.n_dof))
         self.likelihood.forget()
 
     def step(
@@ -48,7 +48,9 @@ class NumpyTracker(Tracker):
         pose = ended.pose
         # The first frame's change is the start's error, not a motion.
         change = pose - self._last if self._frame > 0 else np.zeros(self.body.n_dof)
-        self._last, self._drift = pose, pose - estimate.pose + self.config.search.velocity * change
+        self._velocity *= velocity_memory(self.body, self.config.search)
+        self._velocity += self.config.search.velocity * change
+        self._last, self._drift = pose, pose - estimate.pose + self._velocity
         self._frame += 1
         misfit = likelihood.misfit(pose)
         likelihood.learn(pose)

@@ -235,8 +235,9 @@ static inline void make_child(layer_state state, int particle, int first, vfloat
 // freedom of a particle.
 __kernel void diffuse(int n, int layer, float noise, __global const uint2 *seed,
                       __global const uint *frame, __global const float *sigmas,
-                      __global const float2 *limits, __global const float2 *motion, __global const int *parents,
-                      __global const float *poses, __global float *children)
+                      __global const float2 *limits, __global const float4 *motion,
+                      __global const int *parents, __global const float *poses,
+                      __global float *children)
 {
     const int first = get_global_id(0) * PACK, particle = get_global_id(1);
     if (first >= N_DOF || particle >= n) return;
@@ -302,7 +303,7 @@ __kernel void end_frame(float velocity, int n_result, int n_information,
                         __global const uint *frame, __global const float *result,
                         __global const float *shift, __global const float *information,
                         __global const float *candidates, __global const float *errors,
-                        __global const float *misfit, __global float2 *motion,
+                        __global const float *misfit, __global float4 *motion,
                         __global float *report)
 {
     const frame_end end = {velocity, n_result, n_information, n_candidates, n_errors, frame,

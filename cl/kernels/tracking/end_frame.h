@@ -4,8 +4,9 @@
 #endif
 
 // What to add to the particles before the next frame, which is how far the estimate was moved after
-// the mean was taken (shift) and `velocity` times the change since the last frame.
-// motion: N_DOF x (last estimate, what to add).
+// the mean was taken (shift) and its velocity, of which a share is that of the frames before, and
+// `velocity` times the change since the last frame.
+// motion: N_DOF x (last estimate, what to add, velocity, the share of it that stays).
 // report: all that the host reads: result (n_result), information (n_information), candidates of
 // the limb search (n_candidates) and their errors (n_errors), misfit.
 typedef struct {
@@ -13,7 +14,7 @@ typedef struct {
     int n_result, n_information, n_candidates, n_errors;
     __global const uint *frame;
     __global const float *result, *shift, *information, *candidates, *errors, *misfit;
-    __global float2 *motion;
+    __global float4 *motion;
     __global float *report;
 } frame_end;
 
@@ -33,6 +34,8 @@ static inline void report_item(const frame_end *end, int id)
     if (id >= N_DOF) return;
     const float pose = end->result[id];
     // The first frame's change is the start's error, not a motion.
-    const float change = *end->frame > 1 ? pose - end->motion[id].x : 0.0f;
-    end->motion[id] = (float2)(pose, end->shift[id] + end->velocity * change);
+    const float4 last = end->motion[id];
+    const float change = *end->frame > 1 ? pose - last.x : 0.0f;
+    const float velocity = last.w * last.z + end->velocity * change;
+    end->motion[id] = (float4)(pose, end->shift[id] + velocity, velocity, last.w);
 }

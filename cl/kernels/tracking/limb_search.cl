@@ -133,7 +133,7 @@ void accept(// constants
             __global const float *informations, __global const float *all_misfits,
             __global const uint *frame,
             // in and out
-            __global float *result, __global float2 *motion,
+            __global float *result, __global float4 *motion,
             // out
             __global float *shift, __global float *information, __global float *misfit,
             __global float *report)

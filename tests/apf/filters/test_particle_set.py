@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from helpers import bodies
 
+from apf.body.limbs import root_mask
 from apf.body.model import BodyModel
 from apf.filters.config import FilterConfig, SearchConfig
 from apf.filters.particle_set import ParticleSet, layer_sigmas
@@ -190,6 +191,9 @@ def test_the_end_of_a_frame_reports_all_and_expects_the_change_again(
     particles.weights.set(np.full(n, 1 / n, np.float32))
     particles.estimate(0)()
     mean = particles.result.get()[: SONG.n_dof]
+    motion = particles.motion.get()
+    motion[:, 2] = before = random.normal(size=mean.shape).astype(np.float32)
+    particles.motion.set(motion)
     shift = random.normal(size=mean.shape).astype(np.float32)
     sizes = (496, 9 * SONG.n_dof, 9, 1)  # information, candidates, errors, misfit
     others = [random.random(size).astype(np.float32) for size in sizes]
@@ -198,8 +202,10 @@ def test_the_end_of_a_frame_reports_all_and_expects_the_change_again(
     particles.end_frame(*given, report)()
     expected = np.concatenate([particles.result.get(), *others])
     np.testing.assert_array_equal(report.get(), expected)
-    change = velocity * mean if frame > 1 else 0.0
-    np.testing.assert_allclose(particles.motion.get()[:, 1], shift + change, atol=1e-5)
+    after = np.where(root_mask(SONG), (1 - velocity) * before, 0.0)
+    after += velocity * mean if frame > 1 else 0.0
+    np.testing.assert_allclose(particles.motion.get()[:, 1], shift + after, atol=1e-5)
+    np.testing.assert_allclose(particles.motion.get()[:, 2], after, atol=1e-5)
 
 
 @pytest.mark.parity("tracking/annealing.anneal_diffuse")
