@@ -53,9 +53,9 @@ class ParticleSet(Stage):
         self.weights = device.empty((n,), np.float32, "the weights")
         self.result = device.zeros((2 * body.n_dof + 3 * config.n_layers,), np.float32)
         self.parents = device.empty((n,), np.int32, "the parents")
-        self._still = np.zeros((body.n_dof, 4), np.float32)
-        self._still[:, 3] = velocity_memory(body, config)
-        self.motion = device.to_device(self._still)
+        self._at_rest = np.zeros((body.n_dof, 4), np.float32)
+        self._at_rest[:, 3] = velocity_memory(body, config)
+        self.motion = device.to_device(self._at_rest)
         self.frame = device.zeros((1,), np.uint32)
         self._sigmas = device.to_device(layer_sigmas(body, config).astype(np.float32))
         self._limits = device.to_device(body.limits)
@@ -73,7 +73,7 @@ class ParticleSet(Stage):
             poses.set(np.tile(pose.astype(np.float32), (poses.shape[0], 1)))
         self.parents.set(np.arange(self.config.n_particles, dtype=np.int32))
         self.frame.fill(0)
-        self.motion.set(self._still)
+        self.motion.set(self._at_rest)
 
     def renew(self, layer: int, errors: Array, source: int) -> list[Launch]:
         """Return the launches that end a layer and, unless it is the last, diffuse the next.

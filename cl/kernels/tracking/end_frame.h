@@ -3,10 +3,10 @@
 #error "tracking/end_frame.h needs N_DOF"
 #endif
 
-// What to add to the particles before the next frame, which is how far the estimate was moved after
-// the mean was taken (shift) and its velocity, of which a share is that of the frames before, and
-// `velocity` times the change since the last frame.
-// motion: N_DOF x (last estimate, what to add, velocity, the share of it that stays).
+// What to add to the particles before the next frame: how far the estimate was moved after the mean
+// was taken (shift), and its velocity, which is a share of the velocity before and `velocity` times
+// the change since the last frame.
+// motion: N_DOF x (last estimate, what to add, velocity, share of it that stays).
 // report: all that the host reads: result (n_result), information (n_information), candidates of
 // the limb search (n_candidates) and their errors (n_errors), misfit.
 typedef struct {
