@@ -206,6 +206,7 @@ class Evaluation:
         }
 
     def write_json(self, path: str | Path) -> None:
+        """Write the `summary`."""
         write_json(Path(path), self.summary())
 
     def write_csv(self, path: str | Path) -> None:

@@ -117,6 +117,7 @@ class PeopleEvaluation:
         }
 
     def write_json(self, path: str | Path) -> None:
+        """Write the `summary`."""
         write_json(Path(path), self.summary())
 
 

@@ -9,14 +9,14 @@ import numpy as np
 
 from apf.backend import make_filter
 from apf.body.kinematics import bone_matrices, posed_cones
-from apf.body.limbs import limb_masks
+from apf.body.limbs import limb_masks, root_mask
 from apf.body.model import BodyModel
 from apf.body.stature import HIP_SHARE, has_feet, has_head, is_whole, lowest_point, stature
 from apf.filters.base import DeviceTracker, Estimate, Tracker
 from apf.filters.config import FilterConfig
 from apf.initialisation.body_fit import Cloud, Fitted, SurfaceEvidence, fit_body
 from apf.initialisation.kept_voxels import LEAST_VOXELS, cut_by_height, select_person_points
-from apf.initialisation.shape_model import ShapeModel, inner_axes
+from apf.initialisation.shape_model import ShapeModel
 from apf.initialisation.start import Start, StartConfig, StartError, check_startable
 from apf.likelihood.observations import AnyVoxels
 from apf.scene import Scene
@@ -325,7 +325,7 @@ def highest_point(cones: np.ndarray) -> float:
 def loosen(body: BodyModel, heading: float) -> BodyModel:
     """Return `body` with the standard deviations of a search without a known pose; heading: that of
     the root about z, rad."""
-    sigma = np.where(inner_axes(body), _BEND * (body.upper - body.lower), _PLACE)
+    sigma = np.where(root_mask(body), _PLACE, _BEND * (body.upper - body.lower))
     for axis in body.bones[0].axes:
         if axis.kind[0] == "r":
             sigma[axis.dof] = heading if axis.kind == "rz" else _TILT

@@ -19,12 +19,12 @@ import scipy
 from apf.body.cones import cone_normals
 from apf.body.jacobian import bone_point_jacobian, cone_motions, cross_rows, world_axes
 from apf.body.kinematics import bone_matrices, posed_cones
+from apf.body.limbs import root_mask
 from apf.body.model import BodyModel, sideless
 from apf.body.stature import ankle_cones, stature
 from apf.initialisation.shape_model import (
     ShapeModel,
     end_displacements,
-    inner_axes,
     nearest_coordinates,
     place_points,
     shift_bones,
@@ -117,7 +117,7 @@ def fit_body(
     """
     template = model.template
     share = max(1.0, len(start.poses) / _INDEPENDENT_FRAMES) ** -0.5
-    angle = np.where(inner_axes(template), _ANGLE, np.inf)
+    angle = np.where(root_mask(template), np.inf, _ANGLE)
 
     def measure_stature(shapes: np.ndarray) -> np.ndarray:
         return np.array([[stature(model.body(shape))] for shape in shapes])

@@ -156,9 +156,3 @@ def surface_samples(body: BodyModel, spacing: float) -> tuple[np.ndarray, np.nda
     for array in samples:
         array.flags.writeable = False
     return samples
-
-
-def inner_axes(body: BodyModel) -> np.ndarray:
-    """Return (D,) bool: which axes belong to bones other than roots."""
-    inner = [axis.dof for bone in body.bones if bone.parent >= 0 for axis in bone.axes]
-    return np.isin(np.arange(body.n_dof), inner)

@@ -66,23 +66,23 @@ def test_the_last_change_is_expected_again(
     config = FilterConfig.create(n_particles=5, n_layers=2, n_points=200, velocity=0.5, **MILD)
     chosen = device if kind == "opencl" else NumpyDevice()
     tracker = make_filter(world.scene(chosen), config)
-    place = SONG.dof_names.index(dof)
+    column = SONG.dof_names.index(dof)
 
     def step() -> float:
-        return tracker.step(world.voxels(0) if kind == "opencl" else world.twin(0)).pose[place]
+        return tracker.step(world.voxels(0) if kind == "opencl" else world.twin(0)).pose[column]
 
     def shift(by: float) -> None:
         if kind == "numpy":
-            tracker.poses[:, place] += by
+            tracker.poses[:, column] += by
             return
         for poses in tracker.particles.sets:
             moved = poses.get()
-            moved[:, place] += by
+            moved[:, column] += by
             poses.set(moved)
 
     tracker.start(world.pose(0))
     shift(0.3)  # the first change is the start's error and expected of nobody
-    began = world.pose(0)[place]
+    began = world.pose(0)[column]
     assert step() - began == pytest.approx(0.3)
     assert step() - began == pytest.approx(0.3)
     shift(0.08)
