@@ -33,7 +33,6 @@ from psfs.diagnostics.refinement import (
     RigCorrections,
     correct_cameras,
     fit_rig,
-    spread_rig,
 )
 from psfs.diagnostics.small_views import (
     LARGE_SIDE,
@@ -56,8 +55,8 @@ _SHARE = 2 / 3
 _BLOCK = 10
 #: Distances up to which points are matched, one per matching, px.
 _GATES = (16.0, 16.0, 8.0, 4.0)
-#: Errors of calibrated cameras: turned by up to 0.7 degrees, or exact.
-_SPREAD = spread_rig(turn=0.008, shift=0.01, focal=0.005, time=0.5)
+#: Errors of calibrated cameras, see `fit_rig`: turned by up to 0.7 degrees, or exact.
+_SPREAD = np.array([*3 * [0.008], *3 * [0.01], 0.005, 0.5])
 #: Most last matchings of all frames, which end when the times change by less, frames.
 _LAST, _SETTLED = 5, 0.005
 

@@ -221,7 +221,7 @@ def _make_calibration(
     best, misfits = check_fit(best, points)
     turns, moves = measure_uncertainty(best, points, rate)
     check_uncertainty(best, turns, moves, points)
-    touched = points.find_all(best.rig.cameras, best.shifts, LAST_GATE)
+    touched = points.find_all(best.shifts, best.rig.cameras, LAST_GATE)
     rig, levelled = align(best, touched)
     path = measure_path(measure_places(rig, touched)[1])
     return PersonCalibration(
