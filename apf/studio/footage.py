@@ -179,11 +179,12 @@ class FootageView(Watch):
         return [text for seen in self._person if (text := seen.describe())]
 
     def _describe(self) -> str:
-        info = self._info
+        rig = self.sequence.rig
         rows: list[tuple[object, ...]] = [
-            (c.name, f"{c.distance:.2f}", f"{c.height:.2f}") for c in info.cameras
+            (camera.name, f"{distance:.2f}", f"{camera.centre[2]:.2f}")
+            for camera, distance in zip(rig, self._info.distances, strict=True)
         ]
-        sizes = sorted({f"{c.size[0]} x {c.size[1]}" for c in info.cameras})
+        sizes = sorted({f"{c.size[0]} x {c.size[1]}" for c in rig})
         heading: tuple[str, ...] = ("camera", "distance, m", "height, m")
         if self._person:
             heading += ("whole", "person, px")

@@ -20,9 +20,7 @@ def test_facts(tmp_path: Path) -> None:
     info = sequence_info(sequence)
     np.testing.assert_allclose(info.centre, [0, 0, 0.9], atol=0.05)
     assert info.extent == pytest.approx(6, abs=1e-6)
-    assert [camera.frames for camera in info.cameras] == [12] * 4
-    assert info.cameras[0].distance == pytest.approx(np.hypot(3, 0.6), abs=0.05)
-    assert info.cameras[0].height == pytest.approx(1.5)
+    assert info.distances == pytest.approx([np.hypot(3, 0.6)] * 4, abs=0.05)
     assert info.warnings == [] and sequence.notes == []
     low, high = info.shared
     assert (low < [-0.3, -0.3, 0.7]).all() and (high > [0.3, 0.3, 1.1]).all()
