@@ -16,7 +16,7 @@ import numpy as np
 import scipy
 
 from cl import InputError
-from psfs.calibration.bundle import LENS_PARAMETERS, FreeParameters, adjust_bundle, compare_lenses
+from psfs.calibration.bundle import LENS_PARAMETERS, adjust_bundle, compare_lenses
 from psfs.calibration.scene import GOOD, OUTLIER, CalibrationScene, reprojection_errors, rms
 from psfs.calibration.start.board import place_cameras_by_board
 from psfs.calibration.start.motion_capture import place_cameras_by_markers
@@ -102,9 +102,8 @@ def _fit_camera(
     lens: fit its intrinsics too.
     """
     view = sightings[0].view
-    held = tuple(other for other in range(len(scene.cameras)) if other != view)
-    freedom = FreeParameters((view,) if lens else (), held, poses=False)
-    scene = adjust_bundle(scene, target, sightings, freedom)
+    held = [other for other in range(len(scene.cameras)) if other != view]
+    scene = adjust_bundle(scene, target, sightings, [view] if lens else [], held, poses=False)
     return reprojection_errors(scene, target, sightings), scene
 
 
@@ -221,15 +220,14 @@ def calibrate_cameras(
         sightings = [s for s in sightings if s.frame in target.known]
     shared = count_shared_frames(sightings, len(cameras))
     scene, ordered = _initialise(cameras, target, sightings, shared, lenses_known)
-    everyone = tuple(range(len(cameras)))
-    held = _choose_anchor(shared, target)
-    freedom = FreeParameters(() if lenses_known else everyone, held)
-    freedom = replace(freedom, poses=target.known is None)
-    scene = adjust_bundle(scene, target, ordered, freedom)
+    everyone = range(len(cameras))
+    lenses = () if lenses_known else everyone
+    held, poses = _choose_anchor(shared, target), target.known is None
+    scene = adjust_bundle(scene, target, ordered, lenses, held, poses)
     accepted = _reject_false(scene, target, ordered)
     if len(accepted) < len(ordered):
-        scene = adjust_bundle(scene, target, accepted, freedom)
-    scene, agreeing, disagreeing = _exclude_outlier_cameras(scene, target, accepted, freedom, names)
+        scene = adjust_bundle(scene, target, accepted, lenses, held, poses)
+    scene, agreeing, disagreeing = _exclude_outlier_cameras(scene, target, accepted, lenses, names)
     error = rms(np.minimum(reprojection_errors(scene, target, agreeing), 1e3))
     if not error <= OUTLIER:  # also NaN, of no sighting at all
         raise InputError(
@@ -332,7 +330,7 @@ def _exclude_outlier_cameras(
     scene: CalibrationScene,
     target: Target,
     sightings: list[Sighting],
-    freedom: FreeParameters,
+    lenses: Sequence[int],
     names: Sequence[str],
 ) -> tuple[CalibrationScene, list[Sighting], dict[str, str]]:
     """Set aside, one at a time, the cameras that disagree with the others.
@@ -348,13 +346,14 @@ def _exclude_outlier_cameras(
     while (view := find_outlier_camera(scene, target, used, views)) is not None:
         views.remove(view)
         used = select_shared([s for s in sightings if s.view in views], _count_needed(target))
-        lenses = tuple(other for other in freedom.lenses if other in views)
-        anchor = freedom.held and (views[0],)
-        held = (*anchor, *(v for v in range(len(names)) if v not in views))
-        scene = adjust_bundle(scene, target, used, FreeParameters(lenses, held, freedom.poses))
-        others = tuple(other for other in range(len(names)) if other != view)
+        free, moves = [other for other in lenses if other in views], target.known is None
+        # Where the target moves, the first camera holds the world's axes.
+        moving = views[1:] if moves else views
+        held = [v for v in range(len(names)) if v not in moving]
+        scene = adjust_bundle(scene, target, used, free, held, moves)
+        others = [other for other in range(len(names)) if other != view]
         of_view = [s for s in sightings if s.view == view and s.frame in scene.poses]
-        scene = adjust_bundle(scene, target, of_view, FreeParameters((), others, poses=False))
+        scene = adjust_bundle(scene, target, of_view, (), others, poses=False)
         disagreeing[names[view]] = explain_disagreement(scene, target, of_view)
         if 2 * len(disagreeing) >= len(names):
             return everything
