@@ -110,11 +110,6 @@ class Manifest:
         return cls(files, run, whole)
 
 
-def _is_footage(path: Path) -> bool:
-    kind, _ = mimetypes.guess_type(path.name)
-    return kind is not None and kind.startswith(("image/", "video/"))
-
-
 def _is_inside(name: str) -> bool:
     path = Path(name)
     return bool(name) and "\0" not in name and not path.is_absolute() and ".." not in path.parts
@@ -253,7 +248,9 @@ class OutputFolder:
         here = self._real / self._part
         for path in here.iterdir() if here.is_dir() else ():
             writer = ours.get(os.path.relpath(path, self._real), "" if ours else "nobody")
-            if writer in _FILMED and writer != self.command and _is_footage(path):
+            kind = mimetypes.guess_type(path.name)[0] or ""
+            footage = kind.startswith(("image/", "video/"))
+            if writer in _FILMED and writer != self.command and footage:
                 raise InputError(
                     f"{self.folder / self._part}: holds {path.name}, which may be read; expected "
                     "another folder than that of footage"
