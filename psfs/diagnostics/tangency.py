@@ -62,11 +62,6 @@ class PairSums:
         return float(_divide(self.sums.sum(), self.counts.sum()))
 
     @property
-    def blocks(self) -> np.ndarray:
-        """Mean (B,) of each stretch of frames; NaN without any pair."""
-        return _divide(self.sums.sum((1, 2)), self.counts.sum((1, 2)))
-
-    @property
     def cameras(self) -> np.ndarray:
         """Mean (V,) of each camera's pairs."""
         return _divide(self.sums.sum((0, 1)), self.counts.sum((0, 1)))
