@@ -100,7 +100,7 @@ def correct_rig(session: Session, views: SmallViews) -> CameraRig:
     rig = session.rig
     if len(rig) < 3 or RigFit.of_views(rig, views).measure() <= _SOUND:
         return rig
-    alignment = align_views(rig, larger_views(session))
+    alignment = align_rig(session, rig)
     if alignment is None:
         return rig
     residual = alignment.before
@@ -112,13 +112,9 @@ def correct_rig(session: Session, views: SmallViews) -> CameraRig:
     return CameraRig(tuple(replace(camera, blur=deviation) for camera in rig))
 
 
-def larger_views(session: Session) -> SmallViews:
-    """Return the pictures in which corrections are estimated."""
-    return small_views(session.sequence, session.device, LARGE_SIDE)
-
-
-def align_views(rig: CameraRig, views: SmallViews) -> Alignment | None:
-    """Return the alignment of a rig, whose cameras `views` show; None if it cannot be judged."""
+def align_rig(session: Session, rig: CameraRig) -> Alignment | None:
+    """Return the alignment of a session's rig by larger pictures; None if it cannot be judged."""
+    views = small_views(session.sequence, session.device, LARGE_SIDE)
     return RigFit.of_views(rig, views).align(rig)
 
 
