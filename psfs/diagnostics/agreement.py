@@ -62,7 +62,10 @@ class HullAgreement:
         box = find_seen_box(rig, required_cameras(len(rig), 0.5)) or find_seen_box(rig, 2)
         low, high = box or (np.full(3, -1.0), np.full(3, 1.0))
         self.space = self._make_space(low, high)
-        occupied = self.space.used[self._find_common(np.arange(len(rig)))]
+        common = np.zeros(len(self.space.used), bool)  # in a frame all cameras but one show them
+        for frame in range(len(self.masks)):
+            common[self._find_candidates(frame, np.arange(len(rig)))[0]] = True
+        occupied = self.space.used[common]
         if len(occupied):
             centres, edge = self.space.grid.centres(occupied), self.space.grid.voxel_size
             self.space = self._make_space(centres.min(0) - edge, centres.max(0) + edge)
@@ -99,14 +102,6 @@ class HullAgreement:
         if self.rig.hidden is not None:
             space.pixels[look_up(self.rig.hidden, space.pixels)] = -1
         return space
-
-    def _find_common(self, views: np.ndarray) -> np.ndarray:
-        """Return the voxels (N,) bool that in a frame all cameras but one show."""
-        common = np.zeros(len(self.space.used), bool)
-        for frame in range(len(self.masks)):
-            voxels, _ = self._find_candidates(frame, views)
-            common[voxels] = True
-        return common
 
     def _find_candidates(self, frame: int, views: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the voxels (N,) that enough cameras see and of these all but one show, and which

@@ -83,7 +83,10 @@ def find_hidden_pixels(session: Session) -> np.ndarray | None:
     small = find_hidden_in_box(shrink.small, evidence, volume.low, volume.high, _VOXELS)
     if small is None:
         return None
-    return np.stack([_enlarge(own, (rig.width, rig.height)) for own in small])
+    size = rig.width, rig.height
+    return np.stack(
+        [cv2.resize(own, size, interpolation=cv2.INTER_NEAREST) for own in _bytes(small)]
+    ).view(bool)
 
 
 def find_hidden_in_box(
@@ -166,9 +169,3 @@ def _count(maps: np.ndarray, pixels: np.ndarray) -> np.ndarray:
 
 def _bytes(maps: np.ndarray) -> np.ndarray:
     return maps.view(np.uint8)
-
-
-def _enlarge(region: np.ndarray, size: tuple[int, int]) -> np.ndarray:
-    if region.shape == size[::-1]:
-        return region
-    return cv2.resize(region.view(np.uint8), size, interpolation=cv2.INTER_NEAREST).view(bool)
