@@ -136,24 +136,9 @@ def setting(
     )
 
 
-def fraction(default: Any, description: str, *text: str, **extra: Any) -> Any:
-    """Return a `setting` from 0 to 1."""
-    return setting(default, description, *text, least=0, most=1, **extra)
-
-
-def positive(default: Any, description: str, *text: str, **extra: Any) -> Any:
-    """Return a `setting` above 0."""
-    return setting(default, description, *text, above=0, **extra)
-
-
-def nonnegative(default: Any, description: str, *text: str, **extra: Any) -> Any:
-    """Return a `setting` of 0 or more."""
-    return setting(default, description, *text, least=0, **extra)
-
-
-def natural(default: Any, description: str, *text: str, **extra: Any) -> Any:
-    """Return a `setting` of 1 or more."""
-    return setting(default, description, *text, least=1, **extra)
+#: A `setting` from 0 to 1; one above 0; one of 0 or more; and one of 1 or more.
+fraction, positive = partial(setting, least=0, most=1), partial(setting, above=0)
+nonnegative, natural = partial(setting, least=0), partial(setting, least=1)
 
 
 def part(kind: type[Config], **defaults: Any) -> Any:
