@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import scipy
 
+from psfs.common.numbers import find_true_runs
 from psfs.people.coarse_voxels import DEBRIS, CoarseFrame, count_least_voxels
 from psfs.voxels.division import BANDS, LEVELS
 from psfs.voxels.grid import VoxelGrid
@@ -347,7 +348,6 @@ def _large_regions(frame: CoarseFrame, grid: VoxelGrid) -> list[np.ndarray]:
 
 def _find_longest_maximum(counts: list[tuple[int, int]]) -> int:
     """Return the middle of the longest run of the greatest count."""
-    best = np.array([k for k, count in enumerate(counts) if count == max(counts)])
-    runs = np.split(best, np.flatnonzero(np.diff(best) > 1) + 1)
-    longest = max(runs, key=len)
-    return int(longest[len(longest) // 2])
+    runs = find_true_runs(np.array([count == max(counts) for count in counts]))
+    longest = max(runs, key=lambda run: run.stop - run.start)
+    return (longest.start + longest.stop) // 2
