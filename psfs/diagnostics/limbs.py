@@ -14,7 +14,7 @@ if the silhouette is too wide or too narrow.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
 
@@ -179,9 +179,6 @@ class _Traced:
     frames: np.ndarray
     across: np.ndarray
     pixels: np.ndarray
-
-    def select(self, mask: np.ndarray) -> _Traced:
-        return _Traced(*(getattr(self, field.name)[mask] for field in fields(self)))
 
 
 def measure_limbs(
@@ -355,4 +352,5 @@ def _trace(
     directions = np.linalg.eigh(spread)[1][:, :, 0]
     known &= np.abs(np.einsum("nvi,ni->nv", planes, directions)) < np.sin(_STRAIGHT)
     accepted = (known.sum(axis=1) >= _VIEWS) & known[np.arange(n), firsts]
-    return _Traced(times, firsts, points, known, frames, across, places).select(accepted)
+    columns = times, firsts, points, known, frames, across, places
+    return _Traced(*(column[accepted] for column in columns))

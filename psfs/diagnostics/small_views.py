@@ -247,8 +247,6 @@ class Shrink:
         return out
 
     def frame(self, frame: Frame) -> Frame:
-        if self._factor == 1:
-            return frame
         images = None if frame.images is None else self(frame.images)
         masks = None if frame.masks is None else self(frame.masks)
         return replace(frame, images=images, masks=masks)

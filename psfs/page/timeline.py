@@ -82,8 +82,8 @@ class TimeLine:
     ) -> None:
         self.playback = Playback(frames / fps)
         self._show, self._stops = show, np.unique(np.asarray(stops, int))
-        self._lock, self._ended, self._changed = threading.RLock(), threading.Event(), False
-        self._wake = threading.Event()
+        self._lock = threading.RLock()
+        self._ended, self._wake = threading.Event(), threading.Event()
         self.slider: Any = gui.add_slider(
             "frame", 0, max(1, len(frames) - 1), 1, 0,
             hint="which frame is shown, counted from the first one of the run",
