@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 from psfs.calibration.scene import CalibrationScene, rigid_transform
-from psfs.calibration.targets.target import Sighting, Target, group_by_view
+from psfs.calibration.targets.target import Sighting, group_by_view
 from psfs.cameras.camera import Camera
 from psfs.common.least_squares import Parameters, Residuals, Slope, Solution, prior, solve
 from psfs.common.progress import one_blas_thread
@@ -23,8 +23,8 @@ _LENSES, _ASPECT = (np.inf, np.inf, 0.05, 0.05, 0.3, 0.3, 0.01, 0.01), 0.01
 
 
 def adjust_bundle(
-    scene: CalibrationScene, target: Target, sightings: Sequence[Sighting],
-    lenses: Sequence[int], held: Sequence[int], poses: bool,
+    scene: CalibrationScene, sightings: Sequence[Sighting], lenses: Sequence[int],
+    held: Sequence[int], poses: bool,
 ) -> CalibrationScene:  # fmt: skip
     """Minimise the robust sum of squared reprojection errors, px, with weak priors on the lenses.
 
@@ -32,13 +32,13 @@ def adjust_bundle(
     target's poses are free. Returns the adjusted scene; free poses are those of the sightings'
     frames only. The noise of each camera's points is estimated.
     """
-    problem = _Problem(scene, target, sightings, lenses, held, poses)
+    problem = _Problem(scene, sightings, lenses, held, poses)
     return problem.scene(problem.solve().parameters) if problem.frames else scene
 
 
 def compare_lenses(
-    scene: CalibrationScene, target: Target, sightings: Sequence[Sighting],
-    views: Sequence[int], held: Sequence[int],
+    scene: CalibrationScene, sightings: Sequence[Sighting], views: Sequence[int],
+    held: Sequence[int],
 ) -> dict[int, tuple[float, Camera]]:  # fmt: skip
     """Estimate the intrinsics of the cameras `views`, all at once; return for each camera the
     statistic of its change, and the camera with the estimated intrinsics.
@@ -46,7 +46,7 @@ def compare_lenses(
     The statistic (Wald's F) is the square of the change in units of its covariance, per parameter:
     near 1 if the given intrinsics are right.
     """
-    problem = _Problem(scene, target, sightings, views, held, poses=True)
+    problem = _Problem(scene, sightings, views, held, poses=True)
     solution = problem.solve()
     cameras = problem.scene(solution.parameters).cameras
     tests = {}
@@ -65,10 +65,10 @@ class _Problem:
     """
 
     def __init__(
-        self, scene: CalibrationScene, target: Target, sightings: Sequence[Sighting],
-        lenses: Sequence[int], held: Sequence[int], poses: bool,
+        self, scene: CalibrationScene, sightings: Sequence[Sighting], lenses: Sequence[int],
+        held: Sequence[int], poses: bool,
     ) -> None:  # fmt: skip
-        self.target, self._lenses, self._held, self._poses = target, list(lenses), held, poses
+        self._lenses, self._held, self._poses = list(lenses), held, poses
         self.first, cameras = scene, scene.cameras
         self.frames = sorted({sighting.frame for sighting in sightings})
         self.turns = np.array([scene.poses[frame][:3, :3] for frame in self.frames])
@@ -82,7 +82,7 @@ class _Problem:
         self.free["cameras"][[v for v in range(len(cameras)) if v not in held]] = True
         self.free["lenses"][self._lenses] = True
         # A wand's rotation about itself, its X axis, cannot be observed.
-        self.free["poses"][:, 0] &= target.planar
+        self.free["poses"][:, 0] &= scene.target.planar
         starts = [np.r_[np.zeros(3), scene.poses[frame][:3, 3]] for frame in self.frames]
         self.start = {
             "cameras": np.stack([np.r_[cv2.Rodrigues(c.R)[0].ravel(), c.t] for c in cameras]),
@@ -103,7 +103,7 @@ class _Problem:
         if not sightings:
             return np.zeros(0, int), np.zeros((0, 3)), np.zeros((0, 2))
         of_frames = [np.full(len(s.ids), rows[s.frame]) for s in sightings]
-        points = [self.target.frame_points(s.frame)[s.ids] for s in sightings]
+        points = [self.first.target.frame_points(s.frame)[s.ids] for s in sightings]
         pixels = [s.pixels for s in sightings]
         return np.concatenate(of_frames), np.concatenate(points), np.concatenate(pixels)
 
@@ -118,14 +118,14 @@ class _Problem:
                 camera = _unpack_lens(parameters["lenses"][view], camera)
             cameras.append(camera)
         if not self._poses:
-            return CalibrationScene(tuple(cameras), self.first.poses)
+            return replace(self.first, cameras=tuple(cameras))
         poses = {
             frame: rigid_transform(turn @ cv2.Rodrigues(values[:3])[0], values[3:])
             for frame, turn, values in zip(
                 self.frames, self.turns, parameters["poses"], strict=True
             )
         }
-        return CalibrationScene(tuple(cameras), poses)
+        return CalibrationScene(tuple(cameras), self.first.target, poses)
 
     def evaluate(self, parameters: Parameters) -> list[Residuals]:
         """Return the errors in x and y of each camera's points, px, and the priors of lenses."""

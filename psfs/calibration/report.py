@@ -115,7 +115,7 @@ def summarise_views(result: CalibrationResult, lenses_known: bool) -> list[ViewR
     for view, seen in enumerate(measure_coverage(cameras, result.sightings, result.shared)):
         sightings = [sighting for sighting in result.sightings if sighting.view == view]
         pixels = np.concatenate([s.pixels for s in sightings] or [np.zeros((0, 2))])
-        errors = reprojection_errors(result.scene, result.target, sightings)
+        errors = reprojection_errors(result.scene, sightings)
         faults = _list_faults(result, cameras[view].name, seen, lenses_known)
         dropped = result.dropped[cameras[view].name]
         reports.append(ViewReport(cameras[view], seen, pixels, errors, dropped, faults))
@@ -140,8 +140,8 @@ def _list_faults(
             f"{result.misfits[name]}; calibrate without --intrinsics, or with those of these "
             "pictures' size and zoom"
         )
-    needed = seen if result.target.known is None else replace(seen, shared=None)
-    return (*faults, *needed.list_gaps(result.target.name, lenses_known))
+    needed = seen if result.scene.target.known is None else replace(seen, shared=None)
+    return (*faults, *needed.list_gaps(result.scene.target.name, lenses_known))
 
 
 def judge_calibration(views: list[ViewReport]) -> str:
@@ -171,8 +171,8 @@ def calibration_summary(
         "verdict": judge_calibration(views),
         **what,
         "target": {
-            "name": result.target.name,
-            "points": len(result.target.points),
+            "name": result.scene.target.name,
+            "points": len(result.scene.target.points),
             "frames": len({s.frame for s in result.sightings}),
         },
         "warnings": warnings,

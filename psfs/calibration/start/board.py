@@ -62,7 +62,7 @@ def place_cameras_by_board(
         proposed = [np.linalg.inv(camera_poses[s.view]) @ poses[frame, s.view] for s in here]
         board_poses[frame], fitting = choose_best_pose(rig, target, here, proposed)
         ordered += fitting
-    return CalibrationScene(rig, board_poses), ordered
+    return CalibrationScene(rig, target, board_poses), ordered
 
 
 def choose_best_pose(

@@ -57,7 +57,7 @@ def place_cameras_by_wand(
                 rig, target, here, _propose_poses(rig, target, here)
             )
             ordered += fitting
-    return CalibrationScene(rig, poses), ordered
+    return CalibrationScene(rig, target, poses), ordered
 
 
 def estimate_focal_lengths(
