@@ -217,7 +217,7 @@ def calibrate_cameras(
     accepted = _reject_false(scene, ordered)
     if len(accepted) < len(ordered):
         scene = adjust_bundle(scene, accepted, lenses, held, poses)
-    scene, agreeing, disagreeing = _exclude_outlier_cameras(scene, accepted, lenses, names)
+    scene, agreeing, disagreeing = _exclude_outlier_cameras(scene, accepted, lenses)
     error = rms(np.minimum(reprojection_errors(scene, agreeing), 1e3))
     if not error <= OUTLIER:  # also NaN, of no sighting at all
         raise InputError(
@@ -287,7 +287,7 @@ def _initialise(
         return place_cameras_by_board(cameras, target, sightings, pairs)
     if not lenses_known:
         cameras = estimate_focal_lengths(cameras, target, sightings, pairs)
-    return place_cameras_by_wand(cameras, target, sightings, pairs, names)
+    return place_cameras_by_wand(cameras, target, sightings, pairs)
 
 
 def _choose_anchor(shared: np.ndarray, target: Target) -> tuple[int, ...]:
@@ -307,19 +307,11 @@ def _reject_false(
         good = [s for s in group if np.median(reprojection_errors(scene, [s])) < OUTLIER]
         least = (1 - _FALSE) * len(group)
         accepted += good if len(good) >= least else group
-    return select_shared(accepted, _count_needed(scene.target))
-
-
-def _count_needed(target: Target) -> int:
-    """Return how many cameras must see the target for its pose to be known."""
-    return 1 if target.planar or target.known is not None else 2
+    return select_shared(accepted, scene.target)
 
 
 def _exclude_outlier_cameras(
-    scene: CalibrationScene,
-    sightings: list[Sighting],
-    lenses: Sequence[int],
-    names: Sequence[str],
+    scene: CalibrationScene, sightings: list[Sighting], lenses: Sequence[int]
 ) -> tuple[CalibrationScene, list[Sighting], dict[str, str]]:
     """Set aside, one at a time, the cameras that disagree with the others.
 
@@ -327,13 +319,14 @@ def _exclude_outlier_cameras(
     others disagrees, by name; these are placed where they fit best. If half of the cameras or more
     disagree, no majority says which are wrong, and all are kept.
     """
+    names = [camera.name for camera in scene.cameras]
     everything = scene, sightings, dict[str, str]()
     views = list(range(len(names)))
     disagreeing: dict[str, str] = {}
     used = sightings
     while (view := find_outlier_camera(scene, used, views)) is not None:
         views.remove(view)
-        used = select_shared([s for s in sightings if s.view in views], _count_needed(scene.target))
+        used = select_shared([s for s in sightings if s.view in views], scene.target)
         free, moves = [other for other in lenses if other in views], scene.target.known is None
         # Where the target moves, the first camera holds the world's axes.
         moving = views[1:] if moves else views

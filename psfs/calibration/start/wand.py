@@ -31,7 +31,6 @@ def place_cameras_by_wand(
     target: Target,
     sightings: Sequence[Sighting],
     pairs: Sequence[tuple[int, int]],
-    names: Sequence[str],
 ) -> tuple[CalibrationScene, list[Sighting]]:
     """Place the cameras along the `pairs` and estimate the wand's poses.
 
@@ -43,8 +42,9 @@ def place_cameras_by_wand(
         pose = _estimate_relative_pose(cameras, target, sightings, (a, b))
         if pose is None:
             raise InputError(
-                f"the markers that {names[a]} and {names[b]} see do not belong together; expected "
-                f"a {target.name}, the only bright spots that move, and cameras that run together"
+                f"the markers that {cameras[a].name} and {cameras[b].name} see do not belong "
+                f"together; expected a {target.name}, the only bright spots that move, and cameras "
+                "that run together"
             )
         relative[a, b] = pose[0]
     camera_poses = chain_poses(relative)
