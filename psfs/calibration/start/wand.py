@@ -10,9 +10,9 @@ import cv2
 import numpy as np
 
 from cl import InputError
-from psfs.calibration.scene import BAD, CalibrationScene, place_camera, rigid_transform
+from psfs.calibration.scene import BAD, CalibrationScene, rigid_transform
 from psfs.calibration.start.board import choose_best_pose
-from psfs.calibration.start.placing import FOCALS, chain_poses, with_focal_length
+from psfs.calibration.start.placing import FOCALS, place_along, with_focal_length
 from psfs.calibration.targets.target import EQUAL, Sighting, Target, group_by_frame
 from psfs.cameras.camera import Camera
 from psfs.cameras.triangulation import intersect_rays
@@ -47,8 +47,7 @@ def place_cameras_by_wand(
                 "that run together"
             )
         relative[a, b] = pose[0]
-    camera_poses = chain_poses(relative)
-    rig = tuple(place_camera(camera, camera_poses[view]) for view, camera in enumerate(cameras))
+    rig, _ = place_along(cameras, relative)
     poses: dict[int, np.ndarray] = {}
     ordered: list[Sighting] = []
     for frame, here in group_by_frame(sightings).items():
