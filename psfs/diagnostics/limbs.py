@@ -42,24 +42,15 @@ _CELL, _FARTHEST = 4, 3
 _MARGIN = 20
 
 
-@dataclass(frozen=True, eq=False)
 class MedialAxes:
-    """N points of the medial axes in one camera's pictures of F frames.
+    """N points of the medial axes of one camera's contours in F frames.
 
     frames: (N,) in ascending order. places: (N, 2) px from the principal point of a
     picture without distortion. across: (N, 2) unit vectors across the limb. widths: (N,) px.
     nearest: (F, h, w) index of a cell's nearest point in each frame, -1 without one nearby.
     """
 
-    frames: np.ndarray
-    places: np.ndarray
-    across: np.ndarray
-    widths: np.ndarray
-    nearest: np.ndarray
-
-    @classmethod
-    def create(cls, camera: Camera, contours: SilhouetteContours) -> MedialAxes:
-        """Measure the medial axes of a camera's contours."""
+    def __init__(self, camera: Camera, contours: SilhouetteContours) -> None:
         count = int(contours.frames.max(initial=-1)) + 1
         pixels = camera.K[0, 0] * camera.normalise(contours.points)
         begins = np.searchsorted(contours.frames, np.arange(count + 1))
@@ -67,12 +58,12 @@ class MedialAxes:
             _find_middles(pixels[begin:end], contours.at_border[begin:end] > 0)
             for begin, end in pairwise(begins)
         ]
-        frames = np.repeat(np.arange(count), [len(columns[2]) for columns in middles])
+        self.frames = np.repeat(np.arange(count), [len(columns[2]) for columns in middles])
         none = np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0)
-        places, across, widths = map(np.concatenate, zip(none, *middles, strict=True))
+        columns = map(np.concatenate, zip(none, *middles, strict=True))
+        self.places, self.across, self.widths = columns
         shape = tuple(side // _CELL + 2 * _MARGIN for side in camera.size[::-1])
-        nearest = _map_nearest(places, frames, count, shape)
-        return cls(frames, places, across, widths, nearest)
+        self.nearest = _map_nearest(self.places, self.frames, count, shape)
 
     def find_nearest(self, frames: np.ndarray, places: np.ndarray) -> np.ndarray:
         """Return the indices (...) of the points nearest to places (..., 2) in frames (...); -1
@@ -187,7 +178,7 @@ def measure_limbs(
     """Return the axes of limbs in the contours of each of V views, and where these see the person
     (V, 3), see `measure_sight`."""
     pairs = list(zip(hulls, contours, strict=True))
-    axes = map_in_threads(lambda pair: MedialAxes.create(pair[0].camera, pair[1]), pairs)
+    axes = map_in_threads(lambda pair: MedialAxes(pair[0].camera, pair[1]), pairs)
     return list(axes), np.stack([measure_sight(view_hulls) for view_hulls in hulls])
 
 

@@ -102,7 +102,7 @@ def calibrate_by_person(
     film, if they cannot be found.
     """
     check_number_of_cameras(len(cameras))
-    take = PersonTake.create(cameras, outlines, edges, rate, config)
+    take = PersonTake(cameras, outlines, edges, rate, config)
     best = _find_rig(take, rate, track)
     return _make_calibration(
         best, take.points, rate, lambda adjusted, touched: align_to_person(adjusted, take, touched)
