@@ -9,7 +9,7 @@ from cl import select_device
 from psfs.cli.commandline import make_table, progress_bar, remark, stdout, warn
 from psfs.common.files import check_picture_name, write_picture
 from psfs.diagnostics.examination import diagnose, examine
-from psfs.diagnostics.sequence_info import UNIT_ASKED, SequenceInfo, sequence_info
+from psfs.diagnostics.sequence_info import UNIT_ASKED, SequenceInfo
 from psfs.diagnostics.small_views import draw_contact_sheet
 from psfs.opening import open_sequence
 from psfs.people.people import count_people
@@ -24,7 +24,7 @@ def run(request: InfoRequest) -> None:
     sequence = open_sequence(request)
     if request.masks is not None:
         check_picture_name(request.masks, sequence.inputs[1:])
-    info = sequence_info(sequence)
+    info = SequenceInfo(sequence)
     stdout.print(_cameras(sequence, info))
     stdout.print(_facts(sequence, info))
     for note in sequence.notes:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -30,9 +29,8 @@ _KEYPOINTS = (
 )  # fmt: skip
 
 
-@dataclass(frozen=True)
 class SequenceInfo:
-    """What follows from a sequence's files.
+    """What follows from a sequence's files. Decodes no more than opening the sequence did.
 
     centre: (3,) m, where the optical axes meet; distances: (V,) m of the cameras from there.
     shared: box (low, high), m, that `needed` cameras see, or None. extent: m between the rig's
@@ -40,28 +38,14 @@ class SequenceInfo:
     keypoints of a pose network, or None; nothing here reads it.
     """
 
-    centre: np.ndarray
-    distances: np.ndarray
-    shared: tuple[np.ndarray, np.ndarray] | None
-    needed: int
-    extent: float
-    warnings: list[str]
-    keypoints: Path | None
-
-
-def sequence_info(sequence: Sequence) -> SequenceInfo:
-    """Return facts and warnings. Decodes no more than opening the sequence did."""
-    rig = sequence.rig
-    centre, needed = intersect_axes(rig), required_views(rig)
-    return SequenceInfo(
-        centre=centre,
-        distances=np.linalg.norm(rig.centres - centre, axis=1),
-        shared=find_seen_box(rig, needed),
-        needed=needed,
-        extent=rig_extent(rig),
-        warnings=[*_count_warnings(sequence), *rig_warnings(rig)],
-        keypoints=find_keypoints(sequence.folder),
-    )
+    def __init__(self, sequence: Sequence) -> None:
+        rig = sequence.rig
+        self.centre, self.needed = intersect_axes(rig), required_views(rig)
+        self.distances = np.linalg.norm(rig.centres - self.centre, axis=1)
+        self.shared = find_seen_box(rig, self.needed)
+        self.extent = rig_extent(rig)
+        self.warnings = [*_count_warnings(sequence), *rig_warnings(rig)]
+        self.keypoints = find_keypoints(sequence.folder)
 
 
 def find_keypoints(folder: Path) -> Path | None:

@@ -22,7 +22,7 @@ from cl import InputError
 from psfs.cameras.calibration import find_calibration, read_calibration
 from psfs.cameras.calibration.writers import WRITERS, write_calibration
 from psfs.cameras.camera import Camera, CameraRig
-from psfs.diagnostics.sequence_info import sequence_info
+from psfs.diagnostics.sequence_info import SequenceInfo
 from psfs.request import FORMATS as FORMATS_OF_CONVERT
 from psfs.sequence import Sequence
 
@@ -399,7 +399,7 @@ def native(folder: Path, rig: CameraRig) -> Path:
 def test_info_says_the_same_of_all(tmp_path: Path, kind: str) -> None:
     one = Sequence.open(native(tmp_path / "toml", plain_rig()))
     other = Sequence.open(sequence_in(tmp_path / "other", FORMATS[kind](plain_rig()), plain_rig()))
-    expected, found = sequence_info(one), sequence_info(other)
+    expected, found = SequenceInfo(one), SequenceInfo(other)
     for a, b in zip(other.rig, one.rig, strict=True):
         assert (a.name, a.size) == (b.name, b.size)
         np.testing.assert_allclose([a.K[0, 0], a.centre[2]], [b.K[0, 0], b.centre[2]], rtol=1e-6)
