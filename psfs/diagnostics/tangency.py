@@ -25,7 +25,6 @@ from psfs.footage.camera_times import (
     CameraTimes,
     PairCosts,
     compare_signals,
-    estimate_times,
     mean_costs,
     sum_costs,
 )
@@ -176,7 +175,7 @@ class Tangency:
     def measure_times(self, most: int) -> CameraTimes:
         """Estimate the cameras' offsets of up to `most` frames from the motion of their planes."""
         costs = self._compare_motions(2 * most) if most > 1 else {}
-        return estimate_times(len(self.rig), costs, noise=NOISE)
+        return CameraTimes(len(self.rig), costs, noise=NOISE)
 
     def measure_offset_costs(self, most: int) -> np.ndarray:
         """Return (V, 2 most + 1) the mean difference of each camera's planes from the others' if
