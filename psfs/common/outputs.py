@@ -90,14 +90,10 @@ class Manifest:
             return cls()
         if lines[0] != _HEAD.encode():
             raise InputError(f"{path}: not a manifest of psfs-apf; expected another output folder")
-        return cls._parse([os.fsdecode(line) for line in lines[1:-1]])  # the last line may be cut
-
-    @classmethod
-    def _parse(cls, lines: list[str]) -> Manifest:
         files: dict[str, str] = {}
         run = writer = ""
         whole = True
-        for line in lines:
+        for line in map(os.fsdecode, lines[1:-1]):  # the last line may be cut
             kind, _, rest = line.partition(" ")
             if kind in ("run", "also"):
                 writer = rest
