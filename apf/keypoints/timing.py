@@ -15,9 +15,9 @@ from psfs.cameras.triangulation import TriangulationConfig
 from psfs.common.numbers import FALSE_ALARMS
 from psfs.diagnostics.small_views import SmallViews
 from psfs.footage.camera_times import (
+    CameraTimes,
     PairCosts,
     compare_signals,
-    estimate_times,
     shift_points,
     sum_costs,
 )
@@ -78,7 +78,7 @@ def find_lag_to_footage(keypoints: Keypoints, rig: CameraRig, views: SmallViews)
 def _estimate_lags(n_cameras: int, costs: PairCosts) -> list[int]:
     """Return the cameras' lags behind the first, frames; 0 for those that chance explains, or that
     are small. Of more than two cameras, behind the median one."""
-    times = estimate_times(n_cameras, costs)
+    times = CameraTimes(n_cameras, costs)
     offsets = times.offsets - (times.offsets[0] if n_cameras == 2 else 0)
     lags = np.where(times.chances < FALSE_ALARMS, offsets.round().astype(int), 0)
     lags[np.abs(lags) < _LEAST] = 0

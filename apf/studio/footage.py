@@ -13,7 +13,7 @@ from apf.studio.watch import draw_lags
 from cl import UserError
 from psfs.diagnostics.examination import Examination, examine
 from psfs.diagnostics.person_in_view import PersonInView, find_person_in_views
-from psfs.diagnostics.sequence_info import UNIT_ASKED, SequenceInfo, sequence_info
+from psfs.diagnostics.sequence_info import UNIT_ASKED, SequenceInfo
 from psfs.diagnostics.tangency import Tangency
 from psfs.page.clouds import Opened
 from psfs.page.nodes import BoxNode, box_around
@@ -50,7 +50,7 @@ class FootageView(Watch):
         self._person: list[PersonInView] = []
         self._notes: list[tuple[str, object]] = [("note", "examining the footage ...")]
         self._beside, frames = panels[1], np.arange(max(1, len(sequence)))
-        self._info = info = sequence_info(sequence)
+        self._info = info = SequenceInfo(sequence)
         low, high = sequence.volume or info.shared or box_around(info.centre)
         box = np.round(low, 2), np.round(high, 2)
         opened = Opened(sequence.folder, frames, sequence.fps, box, sequence, None)
@@ -179,11 +179,12 @@ class FootageView(Watch):
         return [text for seen in self._person if (text := seen.describe())]
 
     def _describe(self) -> str:
-        info = self._info
+        rig = self.sequence.rig
         rows: list[tuple[object, ...]] = [
-            (c.name, f"{c.distance:.2f}", f"{c.height:.2f}") for c in info.cameras
+            (camera.name, f"{distance:.2f}", f"{camera.centre[2]:.2f}")
+            for camera, distance in zip(rig, self._info.distances, strict=True)
         ]
-        sizes = sorted({f"{c.size[0]} x {c.size[1]}" for c in info.cameras})
+        sizes = sorted({f"{c.size[0]} x {c.size[1]}" for c in rig})
         heading: tuple[str, ...] = ("camera", "distance, m", "height, m")
         if self._person:
             heading += ("whole", "person, px")

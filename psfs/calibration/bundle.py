@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import cv2
 import numpy as np
 
 from psfs.calibration.scene import CalibrationScene, rigid_transform
-from psfs.calibration.targets.target import Sighting, Target, group_by_view
+from psfs.calibration.targets.target import Sighting, group_by_view
 from psfs.cameras.camera import Camera
 from psfs.common.least_squares import Parameters, Residuals, Slope, Solution, prior, solve
 from psfs.common.progress import one_blas_thread
@@ -22,37 +22,23 @@ _POSE, LENS_PARAMETERS = 6, 8
 _LENSES, _ASPECT = (np.inf, np.inf, 0.05, 0.05, 0.3, 0.3, 0.01, 0.01), 0.01
 
 
-@dataclass(frozen=True)
-class FreeParameters:
-    """Parameters that the bundle adjustment estimates.
-
-    lenses: cameras whose intrinsics are free. held: cameras whose pose is fixed. poses: whether the
-    target's poses are free.
-    """
-
-    lenses: tuple[int, ...] = ()
-    held: tuple[int, ...] = ()
-    poses: bool = True
-
-
 def adjust_bundle(
-    scene: CalibrationScene,
-    target: Target,
-    sightings: Sequence[Sighting],
-    freedom: FreeParameters,
-) -> CalibrationScene:
+    scene: CalibrationScene, sightings: Sequence[Sighting], lenses: Sequence[int],
+    held: Sequence[int], poses: bool,
+) -> CalibrationScene:  # fmt: skip
     """Minimise the robust sum of squared reprojection errors, px, with weak priors on the lenses.
 
-    Returns the adjusted scene; free poses are those of the sightings' frames only. The noise of
-    each camera's points is estimated.
+    lenses: cameras whose intrinsics are free. held: cameras whose pose is fixed. poses: whether the
+    target's poses are free. Returns the adjusted scene; free poses are those of the sightings'
+    frames only. The noise of each camera's points is estimated.
     """
-    problem = _Problem(scene, target, sightings, freedom)
+    problem = _Problem(scene, sightings, lenses, held, poses)
     return problem.scene(problem.solve().parameters) if problem.frames else scene
 
 
 def compare_lenses(
-    scene: CalibrationScene, target: Target, sightings: Sequence[Sighting],
-    views: Sequence[int], held: tuple[int, ...],
+    scene: CalibrationScene, sightings: Sequence[Sighting], views: Sequence[int],
+    held: Sequence[int],
 ) -> dict[int, tuple[float, Camera]]:  # fmt: skip
     """Estimate the intrinsics of the cameras `views`, all at once; return for each camera the
     statistic of its change, and the camera with the estimated intrinsics.
@@ -60,7 +46,7 @@ def compare_lenses(
     The statistic (Wald's F) is the square of the change in units of its covariance, per parameter:
     near 1 if the given intrinsics are right.
     """
-    problem = _Problem(scene, target, sightings, FreeParameters(tuple(views), held))
+    problem = _Problem(scene, sightings, views, held, poses=True)
     solution = problem.solve()
     cameras = problem.scene(solution.parameters).cameras
     tests = {}
@@ -79,13 +65,10 @@ class _Problem:
     """
 
     def __init__(
-        self,
-        scene: CalibrationScene,
-        target: Target,
-        sightings: Sequence[Sighting],
-        freedom: FreeParameters,
-    ) -> None:
-        self.target, self.freedom = target, freedom
+        self, scene: CalibrationScene, sightings: Sequence[Sighting], lenses: Sequence[int],
+        held: Sequence[int], poses: bool,
+    ) -> None:  # fmt: skip
+        self._lenses, self._held, self._poses = list(lenses), held, poses
         self.first, cameras = scene, scene.cameras
         self.frames = sorted({sighting.frame for sighting in sightings})
         self.turns = np.array([scene.poses[frame][:3, :3] for frame in self.frames])
@@ -94,17 +77,17 @@ class _Problem:
         self.free = {
             "cameras": np.zeros((len(cameras), _POSE), bool),
             "lenses": np.zeros((len(cameras), LENS_PARAMETERS), bool),
-            "poses": np.full((len(self.frames), _POSE), freedom.poses),
+            "poses": np.full((len(self.frames), _POSE), poses),
         }
-        self.free["cameras"][[v for v in range(len(cameras)) if v not in freedom.held]] = True
-        self.free["lenses"][list(freedom.lenses)] = True
+        self.free["cameras"][[v for v in range(len(cameras)) if v not in held]] = True
+        self.free["lenses"][self._lenses] = True
         # A wand's rotation about itself, its X axis, cannot be observed.
-        self.free["poses"][:, 0] &= target.planar
-        poses = [np.r_[np.zeros(3), scene.poses[frame][:3, 3]] for frame in self.frames]
+        self.free["poses"][:, 0] &= scene.target.planar
+        starts = [np.r_[np.zeros(3), scene.poses[frame][:3, 3]] for frame in self.frames]
         self.start = {
             "cameras": np.stack([np.r_[cv2.Rodrigues(c.R)[0].ravel(), c.t] for c in cameras]),
             "lenses": np.stack([_pack_lens(camera) for camera in cameras]),
-            "poses": np.reshape(poses, (-1, _POSE)),
+            "poses": np.reshape(starts, (-1, _POSE)),
         }
 
     def solve(self) -> Solution:
@@ -120,7 +103,7 @@ class _Problem:
         if not sightings:
             return np.zeros(0, int), np.zeros((0, 3)), np.zeros((0, 2))
         of_frames = [np.full(len(s.ids), rows[s.frame]) for s in sightings]
-        points = [self.target.frame_points(s.frame)[s.ids] for s in sightings]
+        points = [self.first.target.frame_points(s.frame)[s.ids] for s in sightings]
         pixels = [s.pixels for s in sightings]
         return np.concatenate(of_frames), np.concatenate(points), np.concatenate(pixels)
 
@@ -128,21 +111,21 @@ class _Problem:
         """Build the scene from the parameters."""
         cameras = []
         for view, camera in enumerate(self.first.cameras):
-            if view not in self.freedom.held:
+            if view not in self._held:
                 vector = parameters["cameras"][view]
                 camera = replace(camera, R=cv2.Rodrigues(vector[:3])[0], t=vector[3:])
-            if view in self.freedom.lenses:
+            if view in self._lenses:
                 camera = _unpack_lens(parameters["lenses"][view], camera)
             cameras.append(camera)
-        if not self.freedom.poses:
-            return CalibrationScene(tuple(cameras), self.first.poses)
+        if not self._poses:
+            return replace(self.first, cameras=tuple(cameras))
         poses = {
             frame: rigid_transform(turn @ cv2.Rodrigues(values[:3])[0], values[3:])
             for frame, turn, values in zip(
                 self.frames, self.turns, parameters["poses"], strict=True
             )
         }
-        return CalibrationScene(tuple(cameras), poses)
+        return CalibrationScene(tuple(cameras), self.first.target, poses)
 
     def evaluate(self, parameters: Parameters) -> list[Residuals]:
         """Return the errors in x and y of each camera's points, px, and the priors of lenses."""
@@ -163,7 +146,7 @@ class _Problem:
         rows, points, pixels = self.views[view]
         R, t, slopes = poses
         vector, camera = parameters["cameras"][view], self.first.cameras[view]
-        if view in self.freedom.lenses:
+        if view in self._lenses:
             camera = _unpack_lens(parameters["lenses"][view], camera)
         world = np.einsum("nij,nj->ni", R[rows], points) + t[rows]
         seen, slope = cv2.projectPoints(world, vector[:3], vector[3:], camera.K, camera.distortion)
@@ -186,7 +169,7 @@ class _Problem:
 
     def _lens_priors(self, lenses: np.ndarray) -> list[Residuals]:
         """Return the priors of lenses: aspect, principal point, distortion."""
-        free = list(self.freedom.lenses)
+        free = self._lenses
         sizes = np.array([self.first.cameras[view].size for view in free], float).reshape(-1, 2)
         sigmas = np.full((len(lenses), LENS_PARAMETERS), np.inf)
         sigmas[free] = _LENSES

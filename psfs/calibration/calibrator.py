@@ -16,7 +16,7 @@ import numpy as np
 import scipy
 
 from cl import InputError
-from psfs.calibration.bundle import LENS_PARAMETERS, FreeParameters, adjust_bundle, compare_lenses
+from psfs.calibration.bundle import LENS_PARAMETERS, adjust_bundle, compare_lenses
 from psfs.calibration.scene import GOOD, OUTLIER, CalibrationScene, reprojection_errors, rms
 from psfs.calibration.start.board import place_cameras_by_board
 from psfs.calibration.start.motion_capture import place_cameras_by_markers
@@ -42,7 +42,7 @@ _SAMPLED, _MOST_LATE = 60, 5
 
 
 def find_outlier_camera(
-    scene: CalibrationScene, target: Target, sightings: Sequence[Sighting], views: Sequence[int]
+    scene: CalibrationScene, sightings: Sequence[Sighting], views: Sequence[int]
 ) -> int | None:
     """Find the one of the cameras `views` that fits the others much worse than they fit each other.
 
@@ -54,7 +54,7 @@ def find_outlier_camera(
     seen = [view for view in views if len(groups[view]) > 3]
     if len(seen) < _FEWEST:
         return None
-    errors = [reprojection_errors(scene, target, groups[view]) for view in seen]
+    errors = [reprojection_errors(scene, groups[view]) for view in seen]
     view_errors = np.array([rms(error) for error in errors])
     others = [rms(np.concatenate([*errors[:k], *errors[k + 1 :]])) for k in range(len(seen))]
     scores = view_errors / np.maximum(others, 1e-9)
@@ -72,17 +72,15 @@ def _limit_ratio(first: int, second: int) -> float:
     return float(scipy.special.fdtri(first, second, 1 - FALSE_ALARMS))
 
 
-def explain_disagreement(
-    scene: CalibrationScene, target: Target, sightings: Sequence[Sighting]
-) -> str:
+def explain_disagreement(scene: CalibrationScene, sightings: Sequence[Sighting]) -> str:
     """Explain why a camera disagrees: it was moved, is late, or its intrinsics are wrong.
 
     Returns how much it does and the reason that removes most of the error. scene: of the others,
     with this one where it fits best. sightings: its own.
     """
     every = [sightings[k] for k in pick_evenly(len(sightings), _SAMPLED)]
-    error = rms(reprojection_errors(scene, target, every))
-    guesses = (guess(scene, target, every) for guess in (_guess_moved, _guess_late, _guess_lens))
+    error = rms(reprojection_errors(scene, every))
+    guesses = (guess(scene, every) for guess in (_guess_moved, _guess_late, _guess_lens))
     left, text = min(chain.from_iterable(guesses), key=lambda guess: guess[0])
     if error**2 < _limit_ratio(len(every), len(every)) * left**2:
         text = "it was moved, filmed something else, or its lens or focus changed"
@@ -93,7 +91,6 @@ def explain_disagreement(
 
 def _fit_camera(
     scene: CalibrationScene,
-    target: Target,
     sightings: Sequence[Sighting],
     lens: bool = False,
 ) -> tuple[np.ndarray, CalibrationScene]:
@@ -102,48 +99,41 @@ def _fit_camera(
     lens: fit its intrinsics too.
     """
     view = sightings[0].view
-    held = tuple(other for other in range(len(scene.cameras)) if other != view)
-    freedom = FreeParameters((view,) if lens else (), held, poses=False)
-    scene = adjust_bundle(scene, target, sightings, freedom)
-    return reprojection_errors(scene, target, sightings), scene
+    held = [other for other in range(len(scene.cameras)) if other != view]
+    scene = adjust_bundle(scene, sightings, [view] if lens else [], held, poses=False)
+    return reprojection_errors(scene, sightings), scene
 
 
-def _guess_moved(
-    scene: CalibrationScene, target: Target, sightings: list[Sighting]
-) -> Iterator[tuple[float, str]]:
+def _guess_moved(scene: CalibrationScene, sightings: list[Sighting]) -> Iterator[tuple[float, str]]:
     for share in np.linspace(0.1, 0.9, 9):
         at = round(share * len(sightings))
         parts = sightings[:at], sightings[at:]
         if min(len(part) for part in parts) < 3:
             continue
-        (one, before), (two, after) = (_fit_camera(scene, target, part) for part in parts)
+        (one, before), (two, after) = (_fit_camera(scene, part) for part in parts)
         view = sightings[0].view
         away = np.linalg.norm(before.cameras[view].centre - after.cameras[view].centre)
         turn = before.cameras[view].R @ after.cameras[view].R.T
         angle = np.degrees(np.linalg.norm(cv2.Rodrigues(turn)[0]))
-        when = parts[1][0].frame // target.boards
+        when = parts[1][0].frame // scene.target.boards
         text = f"it was moved near frame {when}, by {1000 * away:.0f} mm and {angle:.1f} degrees"
         yield rms(np.concatenate([one, two])), text
 
 
-def _guess_late(
-    scene: CalibrationScene, target: Target, sightings: list[Sighting]
-) -> Iterator[tuple[float, str]]:
+def _guess_late(scene: CalibrationScene, sightings: list[Sighting]) -> Iterator[tuple[float, str]]:
     name = scene.cameras[sightings[0].view].name
     for late in (*range(-_MOST_LATE, 0), *range(1, _MOST_LATE + 1)):
-        shifted = [replace(s, frame=s.frame - late * target.boards) for s in sightings]
+        shifted = [replace(s, frame=s.frame - late * scene.target.boards) for s in sightings]
         shifted = [s for s in shifted if s.frame in scene.poses]
         if len(shifted) >= max(4, len(sightings) // 2):
             word = "late" if late > 0 else "early"
             text = f"it comes {abs(late)} frames {word}: state --sync {name}={late}"
-            left = rms(_fit_camera(scene, target, shifted)[0])
+            left = rms(_fit_camera(scene, shifted)[0])
             yield left, f"{text}, or add {late} to its present lag"
 
 
-def _guess_lens(
-    scene: CalibrationScene, target: Target, sightings: list[Sighting]
-) -> Iterator[tuple[float, str]]:
-    errors, fitted = _fit_camera(scene, target, sightings, lens=True)
+def _guess_lens(scene: CalibrationScene, sightings: list[Sighting]) -> Iterator[tuple[float, str]]:
+    errors, fitted = _fit_camera(scene, sightings, lens=True)
     view = sightings[0].view
     yield rms(errors), describe_lens_change(scene.cameras[view], fitted.cameras[view])
 
@@ -159,14 +149,14 @@ def describe_lens_change(stated: Camera, wanted: Camera) -> str:
 
 
 def find_wrong_intrinsics(
-    scene: CalibrationScene, target: Target, sightings: Sequence[Sighting], views: Sequence[int]
+    scene: CalibrationScene, sightings: Sequence[Sighting], views: Sequence[int]
 ) -> dict[int, Camera]:
     """Find the cameras among `views` whose given intrinsics do not fit, with the fitted ones.
 
     If the model describes all lenses or boards only roughly, F is higher than 1 for all cameras.
     """
-    held = () if target.known is not None else (views[0],)
-    tests = compare_lenses(scene, target, sightings, views, held)
+    held = () if scene.target.known is not None else (views[0],)
+    tests = compare_lenses(scene, sightings, views, held)
     ratios = sorted(ratio for ratio, _ in tests.values())
     limit = _limit_ratio(LENS_PARAMETERS, len(sightings)) * max(
         1.0, float(np.median(ratios[:-1] or [1.0]))
@@ -192,7 +182,6 @@ class CalibrationResult:
     """
 
     scene: CalibrationScene
-    target: Target
     sightings: list[Sighting]
     dropped: dict[str, int]
     disagreeing: dict[str, str]
@@ -221,16 +210,15 @@ def calibrate_cameras(
         sightings = [s for s in sightings if s.frame in target.known]
     shared = count_shared_frames(sightings, len(cameras))
     scene, ordered = _initialise(cameras, target, sightings, shared, lenses_known)
-    everyone = tuple(range(len(cameras)))
-    held = _choose_anchor(shared, target)
-    freedom = FreeParameters(() if lenses_known else everyone, held)
-    freedom = replace(freedom, poses=target.known is None)
-    scene = adjust_bundle(scene, target, ordered, freedom)
-    accepted = _reject_false(scene, target, ordered)
+    everyone = range(len(cameras))
+    lenses = () if lenses_known else everyone
+    held, poses = _choose_anchor(shared, target), target.known is None
+    scene = adjust_bundle(scene, ordered, lenses, held, poses)
+    accepted = _reject_false(scene, ordered)
     if len(accepted) < len(ordered):
-        scene = adjust_bundle(scene, target, accepted, freedom)
-    scene, agreeing, disagreeing = _exclude_outlier_cameras(scene, target, accepted, freedom, names)
-    error = rms(np.minimum(reprojection_errors(scene, target, agreeing), 1e3))
+        scene = adjust_bundle(scene, accepted, lenses, held, poses)
+    scene, agreeing, disagreeing = _exclude_outlier_cameras(scene, accepted, lenses)
+    error = rms(np.minimum(reprojection_errors(scene, agreeing), 1e3))
     if not error <= OUTLIER:  # also NaN, of no sighting at all
         raise InputError(
             f"the sightings of the {target.name} fit no arrangement of the cameras; expected "
@@ -239,14 +227,14 @@ def calibrate_cameras(
     misfits: dict[str, str] = {}
     if lenses_known:
         views = [view for view in everyone if names[view] not in disagreeing]
-        wanted = find_wrong_intrinsics(scene, target, agreeing, views)
+        wanted = find_wrong_intrinsics(scene, agreeing, views)
         misfits = {names[v]: describe_lens_change(cameras[v], wanted[v]) for v in wanted}
     dropped = [len(group) for group in group_by_view(ordered, len(cameras))]
     for view, view_sightings in enumerate(group_by_view(accepted, len(cameras))):
         dropped[view] -= len(view_sightings)
     fitting = [s for s in accepted if s.frame in scene.poses]
     return CalibrationResult(
-        scene, target, fitting, dict(zip(names, dropped, strict=True)), disagreeing, misfits, shared
+        scene, fitting, dict(zip(names, dropped, strict=True)), disagreeing, misfits, shared
     )
 
 
@@ -299,7 +287,7 @@ def _initialise(
         return place_cameras_by_board(cameras, target, sightings, pairs)
     if not lenses_known:
         cameras = estimate_focal_lengths(cameras, target, sightings, pairs)
-    return place_cameras_by_wand(cameras, target, sightings, pairs, names)
+    return place_cameras_by_wand(cameras, target, sightings, pairs)
 
 
 def _choose_anchor(shared: np.ndarray, target: Target) -> tuple[int, ...]:
@@ -311,29 +299,19 @@ def _choose_anchor(shared: np.ndarray, target: Target) -> tuple[int, ...]:
 
 def _reject_false(
     scene: CalibrationScene,
-    target: Target,
     sightings: Sequence[Sighting],
 ) -> list[Sighting]:
     """Reject sightings with large errors, except of cameras that have many of them."""
     accepted: list[Sighting] = []
     for group in group_by_view(sightings, len(scene.cameras)):
-        good = [s for s in group if np.median(reprojection_errors(scene, target, [s])) < OUTLIER]
+        good = [s for s in group if np.median(reprojection_errors(scene, [s])) < OUTLIER]
         least = (1 - _FALSE) * len(group)
         accepted += good if len(good) >= least else group
-    return select_shared(accepted, _count_needed(target))
-
-
-def _count_needed(target: Target) -> int:
-    """Return how many cameras must see the target for its pose to be known."""
-    return 1 if target.planar or target.known is not None else 2
+    return select_shared(accepted, scene.target)
 
 
 def _exclude_outlier_cameras(
-    scene: CalibrationScene,
-    target: Target,
-    sightings: list[Sighting],
-    freedom: FreeParameters,
-    names: Sequence[str],
+    scene: CalibrationScene, sightings: list[Sighting], lenses: Sequence[int]
 ) -> tuple[CalibrationScene, list[Sighting], dict[str, str]]:
     """Set aside, one at a time, the cameras that disagree with the others.
 
@@ -341,21 +319,23 @@ def _exclude_outlier_cameras(
     others disagrees, by name; these are placed where they fit best. If half of the cameras or more
     disagree, no majority says which are wrong, and all are kept.
     """
+    names = [camera.name for camera in scene.cameras]
     everything = scene, sightings, dict[str, str]()
     views = list(range(len(names)))
     disagreeing: dict[str, str] = {}
     used = sightings
-    while (view := find_outlier_camera(scene, target, used, views)) is not None:
+    while (view := find_outlier_camera(scene, used, views)) is not None:
         views.remove(view)
-        used = select_shared([s for s in sightings if s.view in views], _count_needed(target))
-        lenses = tuple(other for other in freedom.lenses if other in views)
-        anchor = freedom.held and (views[0],)
-        held = (*anchor, *(v for v in range(len(names)) if v not in views))
-        scene = adjust_bundle(scene, target, used, FreeParameters(lenses, held, freedom.poses))
-        others = tuple(other for other in range(len(names)) if other != view)
+        used = select_shared([s for s in sightings if s.view in views], scene.target)
+        free, moves = [other for other in lenses if other in views], scene.target.known is None
+        # Where the target moves, the first camera holds the world's axes.
+        moving = views[1:] if moves else views
+        held = [v for v in range(len(names)) if v not in moving]
+        scene = adjust_bundle(scene, used, free, held, moves)
+        others = [other for other in range(len(names)) if other != view]
         of_view = [s for s in sightings if s.view == view and s.frame in scene.poses]
-        scene = adjust_bundle(scene, target, of_view, FreeParameters((), others, poses=False))
-        disagreeing[names[view]] = explain_disagreement(scene, target, of_view)
+        scene = adjust_bundle(scene, of_view, (), others, poses=False)
+        disagreeing[names[view]] = explain_disagreement(scene, of_view)
         if 2 * len(disagreeing) >= len(names):
             return everything
     return scene, [s for s in sightings if s.view in views and s.frame in scene.poses], disagreeing

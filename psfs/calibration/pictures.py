@@ -53,7 +53,7 @@ def write_rig(path: Path, result: CalibrationResult, views: list[ViewReport]) ->
     """Write the cameras and the target's positions from above and from the side, m."""
 
     def draw(figure: Figure) -> None:
-        points = [result.scene.points(result.target, frame) for frame in result.scene.poses]
+        points = [result.scene.points(frame) for frame in result.scene.poses]
         cloud = np.concatenate(points)
         for axes, (a, b), title in zip(
             figure.subplots(1, 2, gridspec_kw=_MARGINS),
@@ -76,7 +76,8 @@ def write_rig(path: Path, result: CalibrationResult, views: list[ViewReport]) ->
             axes.margins(0.12)
             axes.set(aspect="equal", title=title, xlabel="X, m", ylabel=f"{'XYZ'[b]}, m")
             axes.grid(color="#EEEEEE")
-        figure.suptitle(f"{len(views)} cameras; {result.target.name}; axes of 0.5 m at the origin")
+        name = result.scene.target.name
+        figure.suptitle(f"{len(views)} cameras; {name}; axes of 0.5 m at the origin")
 
     _write(path, (12, 5.6), draw)
 

@@ -82,20 +82,22 @@ def find_cells(pixels: np.ndarray, size: tuple[int, int]) -> np.ndarray:
     return cells
 
 
-@dataclass(frozen=True, eq=False)
 class ViewReport:
-    """The sightings of one camera.
+    """The sightings of one camera in a calibration.
 
     coverage: of its picture. pixels: (N, 2) of its points. errors: (N,) px. dropped: sightings
     rejected as false. faults: what is wrong and what to do.
     """
 
-    camera: Camera
-    coverage: Coverage
-    pixels: np.ndarray
-    errors: np.ndarray
-    dropped: int
-    faults: tuple[str, ...]
+    def __init__(
+        self, result: CalibrationResult, view: int, coverage: Coverage, lenses_known: bool
+    ) -> None:
+        self.camera, self.coverage = result.scene.cameras[view], coverage
+        sightings = [sighting for sighting in result.sightings if sighting.view == view]
+        self.pixels = np.concatenate([s.pixels for s in sightings] or [np.zeros((0, 2))])
+        self.errors = reprojection_errors(result.scene, sightings)
+        self.dropped = result.dropped[self.camera.name]
+        self.faults = _list_faults(result, self.camera.name, coverage, lenses_known)
 
     def figures(self) -> dict[str, float]:
         """Return mean, median, 95th percentile and root mean square of the errors, px."""
@@ -110,23 +112,12 @@ class ViewReport:
 
 def summarise_views(result: CalibrationResult, lenses_known: bool) -> list[ViewReport]:
     """Summarise what every camera saw, and its faults."""
-    cameras = result.scene.cameras
-    reports = []
-    for view, seen in enumerate(measure_coverage(cameras, result.sightings, result.shared)):
-        sightings = [sighting for sighting in result.sightings if sighting.view == view]
-        pixels = np.concatenate([s.pixels for s in sightings] or [np.zeros((0, 2))])
-        errors = reprojection_errors(result.scene, result.target, sightings)
-        faults = _list_faults(result, cameras[view].name, seen, lenses_known)
-        dropped = result.dropped[cameras[view].name]
-        reports.append(ViewReport(cameras[view], seen, pixels, errors, dropped, faults))
-    return reports
+    coverages = measure_coverage(result.scene.cameras, result.sightings, result.shared)
+    return [ViewReport(result, v, seen, lenses_known) for v, seen in enumerate(coverages)]
 
 
 def _list_faults(
-    result: CalibrationResult,
-    name: str,
-    seen: Coverage,
-    lenses_known: bool,
+    result: CalibrationResult, name: str, seen: Coverage, lenses_known: bool
 ) -> tuple[str, ...]:
     """List what is wrong with a camera and what to do."""
     faults = []
@@ -140,8 +131,8 @@ def _list_faults(
             f"{result.misfits[name]}; calibrate without --intrinsics, or with those of these "
             "pictures' size and zoom"
         )
-    needed = seen if result.target.known is None else replace(seen, shared=None)
-    return (*faults, *needed.list_gaps(result.target.name, lenses_known))
+    needed = seen if result.scene.target.known is None else replace(seen, shared=None)
+    return (*faults, *needed.list_gaps(result.scene.target.name, lenses_known))
 
 
 def judge_calibration(views: list[ViewReport]) -> str:
@@ -171,8 +162,8 @@ def calibration_summary(
         "verdict": judge_calibration(views),
         **what,
         "target": {
-            "name": result.target.name,
-            "points": len(result.target.points),
+            "name": result.scene.target.name,
+            "points": len(result.scene.target.points),
             "frames": len({s.frame for s in result.sightings}),
         },
         "warnings": warnings,

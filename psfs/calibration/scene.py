@@ -3,7 +3,7 @@ world's axes: from a target on the floor, or from the cameras."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import cv2
@@ -24,26 +24,27 @@ BAD = 3.0
 
 @dataclass(frozen=True, eq=False)
 class CalibrationScene:
-    """Cameras in the order of the views, and the target's pose (4, 4), target to world, of each
+    """Cameras in the order of the views, the target, and its pose (4, 4), target to world, of each
     frame."""
 
     cameras: tuple[Camera, ...]
+    target: Target
     poses: dict[int, np.ndarray]
 
-    def points(self, target: Target, frame: int) -> np.ndarray:
+    def points(self, frame: int) -> np.ndarray:
         """Return the target's points (P, 3) m in the world."""
-        return transform_points(self.poses[frame], target.frame_points(frame))
+        return transform_points(self.poses[frame], self.target.frame_points(frame))
 
     def transform(self, world: np.ndarray) -> CalibrationScene:
         """Transform the scene to another world, x' = world x, (4, 4)."""
-        inverse = np.linalg.inv(world)
-        cameras = tuple(
-            place_camera(camera, rigid_transform(camera.R, camera.t) @ inverse)
-            for camera in self.cameras
-        )
-        return CalibrationScene(
-            cameras, {frame: world @ pose for frame, pose in self.poses.items()}
-        )
+        poses = {frame: world @ pose for frame, pose in self.poses.items()}
+        return CalibrationScene(transform_cameras(self.cameras, world), self.target, poses)
+
+
+def transform_cameras(cameras: Iterable[Camera], world: np.ndarray) -> tuple[Camera, ...]:
+    """Return the cameras in another world, x' = world x, (4, 4)."""
+    inverse = np.linalg.inv(world)
+    return tuple(place_camera(c, rigid_transform(c.R, c.t) @ inverse) for c in cameras)
 
 
 def turn_to_up(up: np.ndarray, right: np.ndarray) -> np.ndarray:
@@ -74,15 +75,13 @@ def place_camera(camera: Camera, pose: np.ndarray) -> Camera:
     return replace(camera, R=left @ right, t=pose[:3, 3])
 
 
-def reprojection_errors(
-    scene: CalibrationScene, target: Target, sightings: Sequence[Sighting]
-) -> np.ndarray:
+def reprojection_errors(scene: CalibrationScene, sightings: Sequence[Sighting]) -> np.ndarray:
     """Return the errors (M,) px of all points of the sightings, concatenated."""
     errors: dict[int, np.ndarray] = {}
     for view in {sighting.view for sighting in sightings}:
         rows = [row for row, sighting in enumerate(sightings) if sighting.view == view]
         group = [sightings[row] for row in rows]
-        points = np.concatenate([scene.points(target, s.frame)[s.ids] for s in group])
+        points = np.concatenate([scene.points(s.frame)[s.ids] for s in group])
         pixels, _ = scene.cameras[view].project(points)
         away = np.linalg.norm(pixels - np.concatenate([s.pixels for s in group]), axis=-1)
         errors |= zip(
@@ -101,22 +100,20 @@ def rms(values: np.ndarray) -> float:
 _MAX_DEVIATION, _MIN_EXTENT = 0.03, 0.05
 
 
-def align_to_floor(
-    scene: CalibrationScene, target: Target, frames: Sequence[int], height: float
-) -> np.ndarray:
+def align_to_floor(scene: CalibrationScene, frames: Sequence[int], height: float) -> np.ndarray:
     """Return the transform (4, 4) to the world whose floor, Z = 0, the target lay on.
 
     frames: those in which the target lies on the floor; its points are `height` m above it. The
     origin is below the first point seen, X is the target's X axis. Raises InputError unless the
     points lie in a plane.
     """
-    seen = [frame for frame in frames if frame in scene.poses]
+    seen, target = [frame for frame in frames if frame in scene.poses], scene.target
     if not seen:
         raise InputError(
             f"the floor: the {target.name} is not seen, by enough cameras, in the frames stated; "
             f"expected frames in which it lies on the floor"
         )
-    points = np.concatenate([scene.points(target, frame) for frame in seen])
+    points = np.concatenate([scene.points(frame) for frame in seen])
     middle = points.mean(axis=0)
     _, sizes, axes = np.linalg.svd(points - middle, full_matrices=False)
     if len(points) < 3 or sizes[1] < _MIN_EXTENT * sizes[0]:
@@ -130,17 +127,17 @@ def align_to_floor(
             f"the floor: the points of the {target.name} lie {1000 * off:.0f} mm off a plane in "
             f"the frames stated; expected at most {1000 * _MAX_DEVIATION:.0f}"
         )
-    first = scene.points(target, seen[0])
+    first = scene.points(seen[0])
     across = first[-1] - first[0] if not target.planar else scene.poses[seen[0]][:3, 0]
     return _align_axes(scene, axes[2], across, first[0], height)
 
 
-def align_to_cameras(scene: CalibrationScene, target: Target) -> np.ndarray:
+def align_to_cameras(scene: CalibrationScene) -> np.ndarray:
     """Return the transform (4, 4) to a world whose Z axis is the cameras' mean upward direction.
 
     The floor is at the target's lowest point, the origin below the mean of its points.
     """
-    points = np.concatenate([scene.points(target, frame) for frame in scene.poses])
+    points = np.concatenate([scene.points(frame) for frame in scene.poses])
     middle = points.mean(axis=0)
     up = -np.mean([camera.R[1] for camera in scene.cameras], axis=0)
     if np.linalg.norm(up) < 0.1:  # the cameras look down from above

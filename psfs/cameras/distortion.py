@@ -149,8 +149,6 @@ def largest_radius2(coefficients: np.ndarray) -> float:
         return float(np.tan(end)) ** 2 if end < np.arctan(_LARGEST_RADIUS) else float("inf")
     if any(kappa):
         return float(_TSAI_END / -kappa[0]) if kappa[0] < 0 else float("inf")
-    if not np.isfinite(coefficients).all():
-        return float("inf")
     # Of 1 / r^2, where the slope of the distorted radius is 0; so no coefficient divides.
     roots = np.roots([1.0, 3 * k1, 5 * k2, 7 * k3])
     turning = roots.real[np.abs(roots.imag) <= _IMAGINARY * np.abs(roots)]

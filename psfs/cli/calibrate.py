@@ -237,11 +237,11 @@ def _describe_failure(views: Sequence, chosen: list[int], finder: Finder) -> str
     what = f"{views.folder}: no {finder.target.name} in {where}"
     if isinstance(finder, MarkerFinder):
         return f"{what}; expected its markers to be the only bright spots that move"
-    seen = find_hint(views, chosen, finder.describe_other_board)  # type: ignore[attr-defined]
+    seen = find_hint(views, chosen, finder.describe_other_board)
     if seen is not None:
         return f"{what}, but {seen}; expected what the flags of the board say"
     return (
-        f"{what}; {finder.describe_search()}; expected it flat, sharp, lit evenly, with a "  # type: ignore[attr-defined]
+        f"{what}; {finder.describe_search()}; expected it flat, sharp, lit evenly, with a "
         "white rim, and large: see docs/calibration.md"
     )
 
@@ -250,18 +250,18 @@ def _align_to_world(
     request: CalibrateRequest, result: CalibrationResult, floor: list[int]
 ) -> tuple[CalibrationResult, list[str]]:
     """Return the result in a world with Z up, and the warnings."""
-    if result.target.known is not None:
+    if result.scene.target.known is not None:
         if request.up is None:
             return result, []
         return result.transform(rigid_transform(rotation_to_z_up(request.up), np.zeros(3))), []
     if floor:
-        world = align_to_floor(result.scene, result.target, floor, request.height)
+        world = align_to_floor(result.scene, floor, request.height)
         return result.transform(world), []
     text = (
         "no --floor is stated: Z is the cameras' mean up, and Z = 0 the lowest place of the "
-        f"{result.target.name}"
+        f"{result.scene.target.name}"
     )
-    return result.transform(align_to_cameras(result.scene, result.target)), [text]
+    return result.transform(align_to_cameras(result.scene)), [text]
 
 
 def _write(
@@ -297,7 +297,7 @@ def _write_pictures(
 ) -> None:
     """Write a picture per camera: its detected points, drawn over its picture of the frame with the
     most detections."""
-    frames = [sighting.frame // result.target.boards for sighting in result.sightings]
+    frames = [sighting.frame // result.scene.target.boards for sighting in result.sightings]
     pictures = views.rig.crop(views.read(max(set(frames), key=frames.count)).images)
     for view, picture in zip(found, pictures, strict=True):
         write_view(folder / f"{view.camera.name}.png", view, picture)

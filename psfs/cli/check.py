@@ -17,8 +17,13 @@ from psfs.common.outputs import output_folder
 from psfs.diagnostics.config import DEFINITION
 from psfs.diagnostics.examination import Examination, diagnose
 from psfs.diagnostics.fault import Fault
-from psfs.diagnostics.mask_scores import DEFINITION as CLOUD_DEFINITION
-from psfs.diagnostics.mask_scores import CloudScore, mean_scores, score_cloud, true_masks
+from psfs.diagnostics.mask_scores import (
+    CLOUD_DEFINITION,
+    CloudScore,
+    mean_scores,
+    score_cloud,
+    true_masks,
+)
 from psfs.diagnostics.reprojection_iou import Checker, describe_cut_silhouettes
 from psfs.output.reconstruction_folder import ReconstructionFolder
 from psfs.request import CheckRequest

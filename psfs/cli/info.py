@@ -9,7 +9,7 @@ from cl import select_device
 from psfs.cli.commandline import make_table, progress_bar, remark, stdout, warn
 from psfs.common.files import check_picture_name, write_picture
 from psfs.diagnostics.examination import diagnose, examine
-from psfs.diagnostics.sequence_info import UNIT_ASKED, SequenceInfo, sequence_info
+from psfs.diagnostics.sequence_info import UNIT_ASKED, SequenceInfo
 from psfs.diagnostics.small_views import draw_contact_sheet
 from psfs.opening import open_sequence
 from psfs.people.people import count_people
@@ -24,8 +24,8 @@ def run(request: InfoRequest) -> None:
     sequence = open_sequence(request)
     if request.masks is not None:
         check_picture_name(request.masks, sequence.inputs[1:])
-    info = sequence_info(sequence)
-    stdout.print(_cameras(info))
+    info = SequenceInfo(sequence)
+    stdout.print(_cameras(sequence, info))
     stdout.print(_facts(sequence, info))
     for note in sequence.notes:
         remark("note", "cyan", note)
@@ -64,17 +64,18 @@ def _say_faults(session: Session, warnings: list[str]) -> None:
         remark("note", "cyan", count_people(found.session).describe())
 
 
-def _cameras(info: SequenceInfo) -> Table:
+def _cameras(sequence: Sequence, info: SequenceInfo) -> Table:
     columns = ("size px", "focal px", "distance m", "height m", "frames")
     table = make_table("cameras", ["camera"], columns)
-    for camera in info.cameras:
+    media = sequence.footage.images or sequence.footage.masks or ()
+    for camera, distance, item in zip(sequence.rig, info.distances, media, strict=True):
         table.add_row(
             camera.name,
             f"{camera.size[0]} x {camera.size[1]}",
-            f"{camera.focal:.0f}",
-            f"{camera.distance:.2f}",
-            f"{camera.height:.2f}",
-            str(camera.frames),
+            f"{(camera.K[0, 0] + camera.K[1, 1]) / 2:.0f}",
+            f"{distance:.2f}",
+            f"{camera.centre[2]:.2f}",
+            str(item.count),
         )
     return table
 

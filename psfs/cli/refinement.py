@@ -15,7 +15,7 @@ from psfs.cli.commandline import make_table, stdout
 from psfs.common.files import write_json
 from psfs.common.requests import write_settings
 from psfs.common.system import versions
-from psfs.diagnostics.alignment import Alignment, align_views, larger_views
+from psfs.diagnostics.alignment import Alignment, align_rig
 from psfs.diagnostics.examination import synchronise
 from psfs.diagnostics.occluders import find_hidden_pixels
 from psfs.opening import stated_keys
@@ -36,7 +36,7 @@ def refine(request: CalibrateRequest) -> None:
         )
     hidden = find_hidden_pixels(session)
     rig = session.rig if hidden is None else session.rig.with_hidden(hidden)
-    found = align_views(rig, larger_views(session))
+    found = align_rig(session, rig)
     if found is None:
         raise InputError(
             f"{request.folder}: too few tips of limbs are seen by two cameras at once; expected "

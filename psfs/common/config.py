@@ -59,7 +59,7 @@ class Config(BaseModel):
     @classmethod
     def _plain(cls, value: Any, info: ValidationInfo) -> Any:
         field = cls.model_fields[str(info.field_name)]
-        registered = _registered_names(field)
+        registered = _extra(field).get("enum")
         if registered and value not in registered:
             raise PydanticCustomError("registered", "one of those that are registered")
         if isinstance(value, list) and Any not in field_kinds(field):
@@ -136,24 +136,9 @@ def setting(
     )
 
 
-def fraction(default: Any, description: str, *text: str, **extra: Any) -> Any:
-    """Return a `setting` from 0 to 1."""
-    return setting(default, description, *text, least=0, most=1, **extra)
-
-
-def positive(default: Any, description: str, *text: str, **extra: Any) -> Any:
-    """Return a `setting` above 0."""
-    return setting(default, description, *text, above=0, **extra)
-
-
-def nonnegative(default: Any, description: str, *text: str, **extra: Any) -> Any:
-    """Return a `setting` of 0 or more."""
-    return setting(default, description, *text, least=0, **extra)
-
-
-def natural(default: Any, description: str, *text: str, **extra: Any) -> Any:
-    """Return a `setting` of 1 or more."""
-    return setting(default, description, *text, least=1, **extra)
+#: A `setting` from 0 to 1; one above 0; one of 0 or more; and one of 1 or more.
+fraction, positive = partial(setting, least=0, most=1), partial(setting, above=0)
+nonnegative, natural = partial(setting, least=0), partial(setting, least=1)
 
 
 def part(kind: type[Config], **defaults: Any) -> Any:
@@ -183,8 +168,11 @@ def with_parts(parts: Mapping[str, type[Any]]) -> Callable[[type[C]], type[C]]:
 
 def about(field: FieldInfo, name: str) -> str:
     """Return an entry of a field's metadata, such as its unit or flag; empty if it has none."""
-    extra = field.json_schema_extra
-    return str(extra.get(name, "")) if isinstance(extra, dict) else ""
+    return str(_extra(field).get(name, ""))
+
+
+def _extra(field: FieldInfo) -> dict[str, Any]:
+    return field.json_schema_extra if isinstance(field.json_schema_extra, dict) else {}
 
 
 def field_kinds(field: FieldInfo) -> tuple[Any, ...]:
@@ -196,13 +184,8 @@ def field_kinds(field: FieldInfo) -> tuple[Any, ...]:
 def field_choices(field: FieldInfo) -> tuple[Any, ...]:
     """Return the values among which a field chooses; empty for a field without choices."""
     kinds = [kind for kind in field_kinds(field) if get_origin(kind) is Literal]
-    return _registered_names(field) or tuple(value for kind in kinds for value in get_args(kind))
-
-
-def _registered_names(field: FieldInfo) -> tuple[Any, ...]:
-    extra = field.json_schema_extra
-    names = extra.get("enum") if isinstance(extra, dict) else None
-    return tuple(names) if isinstance(names, list) else ()
+    registered = tuple(_extra(field).get("enum", ()))
+    return registered or tuple(value for kind in kinds for value in get_args(kind))
 
 
 def part_kind(field: FieldInfo) -> type[Config] | None:

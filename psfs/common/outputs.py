@@ -90,14 +90,10 @@ class Manifest:
             return cls()
         if lines[0] != _HEAD.encode():
             raise InputError(f"{path}: not a manifest of psfs-apf; expected another output folder")
-        return cls._parse([os.fsdecode(line) for line in lines[1:-1]])  # the last line may be cut
-
-    @classmethod
-    def _parse(cls, lines: list[str]) -> Manifest:
         files: dict[str, str] = {}
         run = writer = ""
         whole = True
-        for line in lines:
+        for line in map(os.fsdecode, lines[1:-1]):  # the last line may be cut
             kind, _, rest = line.partition(" ")
             if kind in ("run", "also"):
                 writer = rest
@@ -108,11 +104,6 @@ class Manifest:
             elif kind == "whole" and rest == run:
                 whole = True
         return cls(files, run, whole)
-
-
-def _is_footage(path: Path) -> bool:
-    kind, _ = mimetypes.guess_type(path.name)
-    return kind is not None and kind.startswith(("image/", "video/"))
 
 
 def _is_inside(name: str) -> bool:
@@ -253,7 +244,9 @@ class OutputFolder:
         here = self._real / self._part
         for path in here.iterdir() if here.is_dir() else ():
             writer = ours.get(os.path.relpath(path, self._real), "" if ours else "nobody")
-            if writer in _FILMED and writer != self.command and _is_footage(path):
+            kind = mimetypes.guess_type(path.name)[0] or ""
+            footage = kind.startswith(("image/", "video/"))
+            if writer in _FILMED and writer != self.command and footage:
                 raise InputError(
                     f"{self.folder / self._part}: holds {path.name}, which may be read; expected "
                     "another folder than that of footage"

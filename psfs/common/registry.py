@@ -5,9 +5,9 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Iterator, Mapping
-from functools import cache, cached_property
-from importlib.metadata import EntryPoint, EntryPoints, entry_points
-from typing import Any, Protocol, TypeVar
+from functools import cached_property
+from importlib.metadata import EntryPoint, entry_points
+from typing import Protocol, TypeVar
 
 log = logging.getLogger(__name__)
 
@@ -37,7 +37,7 @@ class Registry(Mapping[str, T]):
     def _entries(self) -> dict[str, T]:
         entries: dict[str, T] = {}
         self._add(entries, self._own)
-        for point in sorted(list_points(self.group), key=lambda point: point.name):
+        for point in sorted(entry_points(group=self.group), key=lambda point: point.name):
             try:
                 self._add(entries, point.load())
             except Exception as error:  # whatever another package does
@@ -62,17 +62,6 @@ class Registry(Mapping[str, T]):
 
     def __len__(self) -> int:
         return len(self._entries)
-
-
-def list_points(group: str) -> EntryPoints:
-    """Return the entry points of a group."""
-    points: EntryPoints = _list_all().select(group=group)
-    return points
-
-
-@cache  # which reads the metadata of every installed package
-def _list_all() -> Any:  # of another type in Python 3.10
-    return entry_points()
 
 
 def _describe(point: EntryPoint) -> str:

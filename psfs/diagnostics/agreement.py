@@ -8,7 +8,6 @@ lies beside it. Without this camera the others agree.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -26,28 +25,12 @@ _VOXELS, _FRAMES = 150_000, 12
 _NEAR = 0.15
 
 
-@dataclass(frozen=True, eq=False)
-class CameraAgreement:
-    """The agreement of V cameras in S frames.
-
-    outside: (S, V, V) share of the silhouette of camera u (second axis) outside the hull of all
-    cameras but w (third axis); NaN without a silhouette.
-    """
-
-    outside: np.ndarray
-
-    @property
-    def own(self) -> np.ndarray:
-        """Share (S, V) of each camera's silhouette outside the hull of all others."""
-        return np.diagonal(self.outside, axis1=1, axis2=2)
-
-    def with_others(self, view: int) -> np.ndarray:
-        """Return the mean share (S,) outside of the other cameras' silhouettes, with this one."""
-        return known_means(np.delete(self.own, view, axis=1), axis=1)
-
-    def without(self, view: int) -> np.ndarray:
-        """Return the same share (S,) after this camera was left out."""
-        return known_means(np.delete(self.outside[:, :, view], view, axis=1), axis=1)
+def leave_out(outside: np.ndarray, view: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the mean shares (S,) of the silhouettes of all cameras but one that lie outside their
+    common hull, with this camera and without it. outside: see `HullAgreement.measure`."""
+    shares = np.diagonal(outside, axis1=1, axis2=2), outside[:, :, view]
+    with_it, without = (known_means(np.delete(of, view, axis=1), axis=1) for of in shares)
+    return with_it, without
 
 
 class HullAgreement:
@@ -62,13 +45,18 @@ class HullAgreement:
         box = find_seen_box(rig, required_cameras(len(rig), 0.5)) or find_seen_box(rig, 2)
         low, high = box or (np.full(3, -1.0), np.full(3, 1.0))
         self.space = self._make_space(low, high)
-        occupied = self.space.used[self._find_common(np.arange(len(rig)))]
+        common = np.zeros(len(self.space.used), bool)  # in a frame all cameras but one show them
+        for frame in range(len(self.masks)):
+            common[self._find_candidates(frame, np.arange(len(rig)))[0]] = True
+        occupied = self.space.used[common]
         if len(occupied):
             centres, edge = self.space.grid.centres(occupied), self.space.grid.voxel_size
             self.space = self._make_space(centres.min(0) - edge, centres.max(0) + edge)
 
-    def measure(self, views: Sequence[int]) -> CameraAgreement:
-        """Measure how the silhouettes of some cameras agree."""
+    def measure(self, views: Sequence[int]) -> np.ndarray:
+        """Return (S, V, V) how the silhouettes of V cameras agree in S frames: the share of the
+        silhouette of camera u (second axis) outside the hull of all cameras but w (third axis); NaN
+        without a silhouette."""
         chosen = np.asarray(views)
         outside = np.full((len(self.masks), len(chosen), len(chosen)), np.nan)
         for frame in range(len(self.masks)):
@@ -80,7 +68,7 @@ class HullAgreement:
                     if person.any():
                         beyond = person & ~self.project(int(chosen[row]), hull)
                         outside[frame, row, without] = beyond.sum() / person.sum()
-        return CameraAgreement(outside)
+        return outside
 
     def expect(self, frame: int, view: int, views: Sequence[int]) -> np.ndarray:
         """Return the pixels (h, w) bool of a camera that the hull of all others of `views` covers,
@@ -99,14 +87,6 @@ class HullAgreement:
         if self.rig.hidden is not None:
             space.pixels[look_up(self.rig.hidden, space.pixels)] = -1
         return space
-
-    def _find_common(self, views: np.ndarray) -> np.ndarray:
-        """Return the voxels (N,) bool that in a frame all cameras but one show."""
-        common = np.zeros(len(self.space.used), bool)
-        for frame in range(len(self.masks)):
-            voxels, _ = self._find_candidates(frame, views)
-            common[voxels] = True
-        return common
 
     def _find_candidates(self, frame: int, views: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the voxels (N,) that enough cameras see and of these all but one show, and which

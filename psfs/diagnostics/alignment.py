@@ -33,7 +33,6 @@ from psfs.diagnostics.refinement import (
     RigCorrections,
     correct_cameras,
     fit_rig,
-    spread_rig,
 )
 from psfs.diagnostics.small_views import (
     LARGE_SIDE,
@@ -56,8 +55,8 @@ _SHARE = 2 / 3
 _BLOCK = 10
 #: Distances up to which points are matched, one per matching, px.
 _GATES = (16.0, 16.0, 8.0, 4.0)
-#: Errors of calibrated cameras: turned by up to 0.7 degrees, or exact.
-_SPREAD = spread_rig(turn=0.008, shift=0.01, focal=0.005, time=0.5)
+#: Errors of calibrated cameras, see `fit_rig`: turned by up to 0.7 degrees, or exact.
+_SPREAD = np.array([*3 * [0.008], *3 * [0.01], 0.005, 0.5])
 #: Most last matchings of all frames, which end when the times change by less, frames.
 _LAST, _SETTLED = 5, 0.005
 
@@ -101,7 +100,7 @@ def correct_rig(session: Session, views: SmallViews) -> CameraRig:
     rig = session.rig
     if len(rig) < 3 or RigFit.of_views(rig, views).measure() <= _SOUND:
         return rig
-    alignment = align_views(rig, larger_views(session))
+    alignment = align_rig(session, rig)
     if alignment is None:
         return rig
     residual = alignment.before
@@ -113,13 +112,9 @@ def correct_rig(session: Session, views: SmallViews) -> CameraRig:
     return CameraRig(tuple(replace(camera, blur=deviation) for camera in rig))
 
 
-def larger_views(session: Session) -> SmallViews:
-    """Return the pictures in which corrections are estimated."""
-    return small_views(session.sequence, session.device, LARGE_SIDE)
-
-
-def align_views(rig: CameraRig, views: SmallViews) -> Alignment | None:
-    """Return the alignment of a rig, whose cameras `views` show; None if it cannot be judged."""
+def align_rig(session: Session, rig: CameraRig) -> Alignment | None:
+    """Return the alignment of a session's rig by larger pictures; None if it cannot be judged."""
+    views = small_views(session.sequence, session.device, LARGE_SIDE)
     return RigFit.of_views(rig, views).align(rig)
 
 

@@ -15,7 +15,7 @@ import scipy
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.names import join_names
 from psfs.common.numbers import jackknife
-from psfs.diagnostics.agreement import CameraAgreement
+from psfs.diagnostics.agreement import leave_out
 from psfs.diagnostics.config import SPECKLE_SHARE
 from psfs.diagnostics.fault import Evidence, Fault, significant
 from psfs.diagnostics.tangency import CAP, PairSums, Tangency
@@ -216,15 +216,16 @@ def find_disagreeing(evidence: Evidence) -> Iterator[Fault]:
     """
     views = evidence.sound
     while True:
-        agreement = evidence.agreement.measure(views)
-        number, gains = find_outlier(agreement)
+        outside = evidence.agreement.measure(views)
+        number, gains = find_outlier(outside)
         most = len(evidence.names) // 3
         accused = len(evidence.sound) - len(views)
         if len(views) < 4 or accused >= most or not significant(gains, math.log(2)):
             break
-        yield _accuse(evidence, views[number], agreement, number)
+        yield _accuse(evidence, views[number], leave_out(outside, number))
         views = [view for view in views if view != views[number]]
-    rows = agreement.own[np.isfinite(agreement.own).any(axis=1)]
+    rows = np.diagonal(outside, axis1=1, axis2=2)
+    rows = rows[np.isfinite(rows).any(axis=1)]
     beside = np.nanmedian(rows, axis=1)
     misfit = evidence.tangency.unchanged.cost / CAP
     strange = beside if math.isnan(misfit) else 0.5 * (beside + misfit)
@@ -233,31 +234,27 @@ def find_disagreeing(evidence: Evidence) -> Iterator[Fault]:
         yield _explain_disagreement(evidence, poor, float(np.mean(beside)), float(np.mean(strange)))
 
 
-def find_outlier(agreement: CameraAgreement) -> tuple[int, np.ndarray]:
+def find_outlier(outside: np.ndarray) -> tuple[int, np.ndarray]:
     """Return the camera without which the others agree best, and the logarithms (S,) by how much
-    better than with it in each frame, see `jackknife`.
+    better than with it in each frame, see `jackknife`. outside: see `HullAgreement.measure`.
 
     What the camera itself shows outside the hull of the others counts, if it is less: a camera
     before which furniture stands only lacks what the others show, and one that shows nobody in a
     frame tells nothing there.
     """
-    n = agreement.outside.shape[1]
-    without = np.stack([agreement.without(view) for view in range(n)], -1)
+    without = np.stack([leave_out(outside, view)[1] for view in range(outside.shape[1])], -1)
     known = np.isfinite(without).all(axis=1)
     if not known.any():
         return 0, np.zeros(0)
     view = int(without[known].mean(0).argmin())
-    beside = np.nan_to_num(agreement.own[:, view])
-    rows = np.column_stack([agreement.with_others(view), beside, without[:, view]])[known]
-
-    rows = np.column_stack([rows, np.full(len(rows), SPECKLE_SHARE)])
+    beside, speckle = np.nan_to_num(outside[:, view, view]), np.full(len(outside), SPECKLE_SHARE)
+    rows = np.column_stack([leave_out(outside, view)[0], beside, without[:, view], speckle])[known]
     return view, jackknife(rows, lambda of: math.log((min(of[0], of[1]) + of[3]) / (of[2] + of[3])))
 
 
-def _accuse(evidence: Evidence, view: int, agreement: CameraAgreement, number: int) -> Fault:
-    name = evidence.names[view]
-    before = float(np.nanmean(agreement.with_others(number)))
-    after = float(np.nanmean(agreement.without(number)))
+def _accuse(evidence: Evidence, view: int, shares: tuple[np.ndarray, np.ndarray]) -> Fault:
+    """Return the fault of a camera; shares: of the others', see `leave_out`."""
+    name, (before, after) = evidence.names[view], map(float, map(np.nanmean, shares))
     text = (
         f"camera {name} disagrees with the others: with it {before:.0%} of their silhouettes lie "
         f"outside the common hull, without it {after:.0%}"

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import TypeVar
 
 import numpy as np
 import scipy
@@ -30,9 +29,6 @@ from psfs.footage.camera_times import MOST_DRIFT
 from psfs.footage.settings import split_delays
 from psfs.sequence import Sequence
 from psfs.session import Session
-
-R = TypeVar("R")
-
 
 #: The tests of all kinds, in their order: later ones leave out the cameras whose pictures earlier
 #: ones found to show nothing. Each accuses footage without its fault with a probability of at most
@@ -98,33 +94,25 @@ def _name_cameras(faults: Iterable[Fault]) -> set[str]:
 
 def diagnose(session: Session) -> Diagnosis:
     """Find the faults of a session's footage in small pictures of some hundred frames."""
-    return session.compute_once(diagnose, lambda: _recall(session, "diagnosis", _find_faults))
-
-
-def _recall(session: Session, key: object, compute: Callable[[Session], R]) -> R:
-    """Return what `compute` finds in the footage, which an earlier session may have found."""
-    on = (key, session.device.name)
-    return session.sequence.recall(on, lambda: compute(session))
+    key = "diagnosis", session.device.name  # an earlier session may have found them
+    return session.compute_once(
+        diagnose, lambda: session.sequence.recall(key, lambda: _find_faults(session))
+    )
 
 
 def _find_faults(session: Session) -> Diagnosis:
     views = small_views(session.sequence, session.device)
     evidence = Evidence(session.sequence, views)
     for test in TESTS:
-        if test in _COMPARING and _is_incomparable(evidence):
+        # A calibration that cannot be, exchanged pictures, or too few that show anything.
+        stops = any(fault.kind in ("calibration", *_REARRANGED) for fault in evidence.known)
+        if test in _COMPARING and (stops or len(evidence.sound) < 2):
             continue
         for fault in list(test(evidence)):
             evidence.add(fault)
     rearranged = [fault for fault in evidence.known if fault.kind in _REARRANGED]
     faults = rearranged[:1] or sorted(evidence.known, key=lambda fault: not fault.spoils)
     return Diagnosis(faults, views)
-
-
-def _is_incomparable(evidence: Evidence) -> bool:
-    """Return whether cameras cannot be compared: a calibration that cannot be, pictures that are
-    exchanged, or too few that show anything."""
-    stops = ("calibration", *_REARRANGED)
-    return any(f.kind in stops for f in evidence.known) or len(evidence.sound) < 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -207,8 +195,8 @@ def examine(session: Session, all_cameras: bool = False) -> Examination:
 
 def _correct_rig(session: Session, diagnosis: Diagnosis) -> Session:
     """Return a session whose rig has the pixels hidden by furniture and corrected directions."""
-    key = ("hidden pixels", session.settings)
-    hidden = _recall(session, key, find_hidden_pixels)
+    key = ("hidden pixels", session.settings), session.device.name
+    hidden = session.sequence.recall(key, lambda: find_hidden_pixels(session))
     if hidden is not None:
         session = session.with_sequence(session.sequence.with_rig(session.rig.with_hidden(hidden)))
     rig = correct_rig(session, diagnosis.views)

@@ -14,7 +14,6 @@ if the silhouette is too wide or too narrow.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
 from functools import partial
 from itertools import pairwise
 
@@ -42,24 +41,15 @@ _CELL, _FARTHEST = 4, 3
 _MARGIN = 20
 
 
-@dataclass(frozen=True, eq=False)
 class MedialAxes:
-    """N points of the medial axes in one camera's pictures of F frames.
+    """N points of the medial axes of one camera's contours in F frames.
 
     frames: (N,) in ascending order. places: (N, 2) px from the principal point of a
     picture without distortion. across: (N, 2) unit vectors across the limb. widths: (N,) px.
     nearest: (F, h, w) index of a cell's nearest point in each frame, -1 without one nearby.
     """
 
-    frames: np.ndarray
-    places: np.ndarray
-    across: np.ndarray
-    widths: np.ndarray
-    nearest: np.ndarray
-
-    @classmethod
-    def create(cls, camera: Camera, contours: SilhouetteContours) -> MedialAxes:
-        """Measure the medial axes of a camera's contours."""
+    def __init__(self, camera: Camera, contours: SilhouetteContours) -> None:
         count = int(contours.frames.max(initial=-1)) + 1
         pixels = camera.K[0, 0] * camera.normalise(contours.points)
         begins = np.searchsorted(contours.frames, np.arange(count + 1))
@@ -67,12 +57,12 @@ class MedialAxes:
             _find_middles(pixels[begin:end], contours.at_border[begin:end] > 0)
             for begin, end in pairwise(begins)
         ]
-        frames = np.repeat(np.arange(count), [len(columns[2]) for columns in middles])
+        self.frames = np.repeat(np.arange(count), [len(columns[2]) for columns in middles])
         none = np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0)
-        places, across, widths = map(np.concatenate, zip(none, *middles, strict=True))
+        columns = map(np.concatenate, zip(none, *middles, strict=True))
+        self.places, self.across, self.widths = columns
         shape = tuple(side // _CELL + 2 * _MARGIN for side in camera.size[::-1])
-        nearest = _map_nearest(places, frames, count, shape)
-        return cls(frames, places, across, widths, nearest)
+        self.nearest = _map_nearest(self.places, self.frames, count, shape)
 
     def find_nearest(self, frames: np.ndarray, places: np.ndarray) -> np.ndarray:
         """Return the indices (...) of the points nearest to places (..., 2) in frames (...); -1
@@ -162,35 +152,13 @@ _PER_CAMERA = 1200
 _ALONG = 1e-2
 
 
-@dataclass(frozen=True, eq=False)
-class _Traced:
-    """S points on limbs' axes and what V cameras tell of them.
-
-    times: (S,) frames of the first camera. firsts: (S,) the cameras in which they were chosen.
-    points: (S, 3). known: (S, V) bool. frames: (S, V) the picture before the time. across: (S, V,
-    2) unit vectors across the axis. pixels: (S, V, 2, 2) on the axis in the pictures before and
-    after, px from the principal point.
-    """
-
-    times: np.ndarray
-    firsts: np.ndarray
-    points: np.ndarray
-    known: np.ndarray
-    frames: np.ndarray
-    across: np.ndarray
-    pixels: np.ndarray
-
-    def select(self, mask: np.ndarray) -> _Traced:
-        return _Traced(*(getattr(self, field.name)[mask] for field in fields(self)))
-
-
 def measure_limbs(
     hulls: Sequence[HullRays], contours: Sequence[SilhouetteContours]
 ) -> tuple[list[MedialAxes], np.ndarray]:
     """Return the axes of limbs in the contours of each of V views, and where these see the person
     (V, 3), see `measure_sight`."""
     pairs = list(zip(hulls, contours, strict=True))
-    axes = map_in_threads(lambda pair: MedialAxes.create(pair[0].camera, pair[1]), pairs)
+    axes = map_in_threads(lambda pair: MedialAxes(pair[0].camera, pair[1]), pairs)
     return list(axes), np.stack([measure_sight(view_hulls) for view_hulls in hulls])
 
 
@@ -205,7 +173,7 @@ class LimbPoints:
         chosen = [
             _find_points(view, cameras, lags, axes, middle, stature) for view in range(len(cameras))
         ]
-        self._traced = _trace(cameras, lags, axes, chosen)
+        self._traced = _Traced(cameras, lags, axes, chosen)
         self._items, self._views = np.nonzero(self._traced.known)
         if len(self):  # the depths that were tried are steps apart
             held = np.zeros((len(cameras), N_PARAMETERS))
@@ -214,7 +182,7 @@ class LimbPoints:
                 {"cameras": held, "limbs": np.zeros((len(self), 3))},
                 steps=3, eliminate=["limbs"], free={"cameras": held > 0},
             ).parameters["limbs"]  # fmt: skip
-            self._traced = replace(self._traced, points=self._traced.points + moved)
+            self._traced.points += moved
 
     def __len__(self) -> int:
         return len(self._traced.times)
@@ -311,48 +279,58 @@ def _are_alike(first: np.ndarray, second: np.ndarray) -> np.ndarray:
     return (first < _ALIKE * second) & (second < _ALIKE * first)
 
 
-def _trace(
-    cameras: Sequence[Camera], lags: np.ndarray, axes: Sequence[MedialAxes],
-    chosen: Sequence[tuple[np.ndarray, np.ndarray]],
-) -> _Traced:  # fmt: skip
-    """Return what all cameras measure of the points that were found from each of them."""
-    firsts = np.repeat(np.arange(len(chosen)), [len(view_axes) for view_axes, _ in chosen])
-    indices, points = (np.concatenate(columns) for columns in zip(*chosen, strict=True))
-    n, views = len(points), len(cameras)
-    times, widths = np.zeros(n), np.zeros(n)
-    for view, (camera, view_axes) in enumerate(zip(cameras, axes, strict=True)):
-        mine = firsts == view
-        times[mine] = view_axes.frames[indices[mine]] - lags[view]
-        depths = (points[mine] - camera.centre) @ camera.R[2]
-        widths[mine] = view_axes.widths[indices[mine]] * depths / camera.K[0, 0]
-    known, frames = np.zeros((n, views), bool), np.zeros((n, views), int)
-    across, places = np.zeros((n, views, 2)), np.zeros((n, views, 2, 2))
-    planes = np.zeros((n, views, 3))
-    for view, (camera, view_axes) in enumerate(zip(cameras, axes, strict=True)):
-        if not len(view_axes.frames):
-            continue
-        mine, at = firsts == view, times + lags[view]
-        frames[:, view] = np.where(mine, np.round(at), np.floor(at))
-        seen, z = _project(camera, points)
-        pair = [view_axes.find_nearest(frames[:, view] + later, seen) for later in (0, 1)]
-        pair[0] = np.where(mine, indices, pair[0])
-        normals = [view_axes.across[nearest] for nearest in pair]
-        cosines = (normals[0] * normals[1]).sum(1)
-        normals[1] = normals[1] * np.sign(cosines)[:, None]
-        sound = np.abs(cosines) > OPPOSITE
-        mean = normals[0] + normals[1]
-        mean /= np.maximum(np.linalg.norm(mean, axis=1, keepdims=True), 1e-9)
-        for later, (nearest, normal) in enumerate(zip(pair, normals, strict=True)):
-            away = ((seen - view_axes.places[nearest]) * normal).sum(1)
-            sound &= (nearest >= 0) & (np.abs(away) < (2 + later) * _GATE)
-            sound &= _are_alike(view_axes.widths[nearest] * z / camera.K[0, 0], widths)
-            places[:, view, later] = seen - away[:, None] * mean
-        known[:, view], across[:, view] = sound, mean
-        plane = np.column_stack([camera.K[0, 0] * mean, -(mean * seen).sum(1)]) @ camera.R
-        planes[:, view] = plane / np.linalg.norm(plane, axis=1, keepdims=True)
-    # The limb lies in the plane in which each camera sees it.
-    spread = np.einsum("nvi,nvj,nv->nij", planes, planes, known)
-    directions = np.linalg.eigh(spread)[1][:, :, 0]
-    known &= np.abs(np.einsum("nvi,ni->nv", planes, directions)) < np.sin(_STRAIGHT)
-    accepted = (known.sum(axis=1) >= _VIEWS) & known[np.arange(n), firsts]
-    return _Traced(times, firsts, points, known, frames, across, places).select(accepted)
+class _Traced:
+    """S points on limbs' axes, found from each of V cameras, and what all cameras tell of them.
+
+    times: (S,) frames of the first camera. firsts: (S,) the cameras in which they were chosen.
+    points: (S, 3). known: (S, V) bool. frames: (S, V) the picture before the time. across: (S, V,
+    2) unit vectors across the axis. pixels: (S, V, 2, 2) on the axis in the pictures before and
+    after, px from the principal point.
+    """
+
+    def __init__(
+        self, cameras: Sequence[Camera], lags: np.ndarray, axes: Sequence[MedialAxes],
+        chosen: Sequence[tuple[np.ndarray, np.ndarray]],
+    ) -> None:  # fmt: skip
+        firsts = np.repeat(np.arange(len(chosen)), [len(view_axes) for view_axes, _ in chosen])
+        indices, points = (np.concatenate(columns) for columns in zip(*chosen, strict=True))
+        n, views = len(points), len(cameras)
+        times, widths = np.zeros(n), np.zeros(n)
+        for view, (camera, view_axes) in enumerate(zip(cameras, axes, strict=True)):
+            mine = firsts == view
+            times[mine] = view_axes.frames[indices[mine]] - lags[view]
+            depths = (points[mine] - camera.centre) @ camera.R[2]
+            widths[mine] = view_axes.widths[indices[mine]] * depths / camera.K[0, 0]
+        known, frames = np.zeros((n, views), bool), np.zeros((n, views), int)
+        across, places = np.zeros((n, views, 2)), np.zeros((n, views, 2, 2))
+        planes = np.zeros((n, views, 3))
+        for view, (camera, view_axes) in enumerate(zip(cameras, axes, strict=True)):
+            if not len(view_axes.frames):
+                continue
+            mine, at = firsts == view, times + lags[view]
+            frames[:, view] = np.where(mine, np.round(at), np.floor(at))
+            seen, z = _project(camera, points)
+            pair = [view_axes.find_nearest(frames[:, view] + later, seen) for later in (0, 1)]
+            pair[0] = np.where(mine, indices, pair[0])
+            normals = [view_axes.across[nearest] for nearest in pair]
+            cosines = (normals[0] * normals[1]).sum(1)
+            normals[1] = normals[1] * np.sign(cosines)[:, None]
+            sound = np.abs(cosines) > OPPOSITE
+            mean = normals[0] + normals[1]
+            mean /= np.maximum(np.linalg.norm(mean, axis=1, keepdims=True), 1e-9)
+            for later, (nearest, normal) in enumerate(zip(pair, normals, strict=True)):
+                away = ((seen - view_axes.places[nearest]) * normal).sum(1)
+                sound &= (nearest >= 0) & (np.abs(away) < (2 + later) * _GATE)
+                sound &= _are_alike(view_axes.widths[nearest] * z / camera.K[0, 0], widths)
+                places[:, view, later] = seen - away[:, None] * mean
+            known[:, view], across[:, view] = sound, mean
+            plane = np.column_stack([camera.K[0, 0] * mean, -(mean * seen).sum(1)]) @ camera.R
+            planes[:, view] = plane / np.linalg.norm(plane, axis=1, keepdims=True)
+        # The limb lies in the plane in which each camera sees it.
+        spread = np.einsum("nvi,nvj,nv->nij", planes, planes, known)
+        directions = np.linalg.eigh(spread)[1][:, :, 0]
+        known &= np.abs(np.einsum("nvi,ni->nv", planes, directions)) < np.sin(_STRAIGHT)
+        accepted = (known.sum(axis=1) >= _VIEWS) & known[np.arange(n), firsts]
+        self.times, self.firsts, self.points = times[accepted], firsts[accepted], points[accepted]
+        self.known, self.frames = known[accepted], frames[accepted]
+        self.across, self.pixels = across[accepted], places[accepted]

@@ -10,7 +10,6 @@ clean footage has no hidden pixels.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import partial, reduce
 
 import cv2
@@ -42,21 +41,12 @@ _MARGIN = 3
 _VOXELS = 600_000
 
 
-@dataclass(frozen=True)
-class _Search:
-    """A search for hidden pixels. agreeing: least number of cameras that show unexplained
-    foreground. denying: greatest number of those that are hidden from the same place. least_share:
-    of the frames in which a pixel contradicts the other cameras among those in which it shows the
-    person or contradicts."""
-
-    agreeing: int
-    denying: int
-    least_share: float
-
-
-#: The strongest evidence first, since what it explains is not left for the next: two cameras find
+#: Searches for hidden pixels: least number of cameras that show unexplained foreground; greatest
+#: number of those that are hidden from the same place; and least share of the frames in which a
+#: pixel contradicts the other cameras among those in which it shows the person or contradicts. The
+#: strongest evidence first, since what it explains is not left for the next: two cameras find
 #: specks in clean footage, but not where the person hardly ever appears.
-_SEARCHES = (_Search(3, 1, 0.1), _Search(3, 2, 0.1), _Search(2, 2, 0.9))
+_SEARCHES = ((3, 1, 0.1), (3, 2, 0.1), (2, 2, 0.9))
 
 
 def find_hidden_pixels(session: Session) -> np.ndarray | None:
@@ -65,7 +55,7 @@ def find_hidden_pixels(session: Session) -> np.ndarray | None:
     None if there are none, or too few cameras to decide.
     """
     rig, sequence = session.rig, session.sequence
-    if len(rig) <= max(search.agreeing for search in _SEARCHES):
+    if len(rig) <= max(agreeing for agreeing, _, _ in _SEARCHES):
         return None
     shrink = Shrink(rig, rig.factor_within(LARGE_SIDE))
     background = shrink.background(session.background)
@@ -83,7 +73,10 @@ def find_hidden_pixels(session: Session) -> np.ndarray | None:
     small = find_hidden_in_box(shrink.small, evidence, volume.low, volume.high, _VOXELS)
     if small is None:
         return None
-    return np.stack([_enlarge(own, (rig.width, rig.height)) for own in small])
+    size = rig.width, rig.height
+    return np.stack(
+        [cv2.resize(own, size, interpolation=cv2.INTER_NEAREST) for own in _bytes(small)]
+    ).view(bool)
 
 
 def find_hidden_in_box(
@@ -104,19 +97,20 @@ def find_hidden_in_box(
     edge = max(edge, finest_pixel(rig, VoxelGrid.covering(low, high, edge)))
     grid = VoxelGrid.covering(low, high, edge)
     space = CoarseSpace(rig, grid, OccupancyConfig().seeing_cameras(len(rig)))
-    fewest = min(search.agreeing for search in _SEARCHES)
+    fewest = min(agreeing for agreeing, _, _ in _SEARCHES)
     space.keep(_count(reduce(np.maximum, evidence) > 0, space.pixels) >= fewest)
     hidden = np.zeros_like(evidence[0], bool)
     seeing = map_in_threads(lambda maps: _count(maps > 0, space.pixels), evidence)
     frames = list(zip(evidence, seeing, strict=True))
-    for search in _SEARCHES:
+    for agreeing, denying, least_share in _SEARCHES:
         denied, confirmed = np.zeros((2, *hidden.shape), np.uint8)
-        judge = partial(_judge, space, margin, search, hidden if hidden.any() else None)
+        known = hidden if hidden.any() else None
+        judge = partial(_judge, space, margin, agreeing, denying, known)
         for confirms, denies in map_in_threads(judge, frames):
             confirmed += _bytes(confirms)
             if denies is not None:
                 denied += _bytes(denies)
-        enough = denied >= np.maximum(_LEAST_FRAMES, search.least_share * (denied + confirmed))
+        enough = denied >= np.maximum(_LEAST_FRAMES, least_share * (denied + confirmed))
         enough &= confirmed.any((1, 2))[:, None, None]  # else the camera shows nobody
         square = np.ones((_GAP, _GAP), np.uint8)
         closed = [cv2.morphologyEx(own, cv2.MORPH_CLOSE, square) for own in _bytes(enough)]
@@ -127,19 +121,21 @@ def find_hidden_in_box(
 def _judge(
     space: CoarseSpace,
     margin: int,
-    search: _Search,
+    agreeing: int,
+    denying: int,
     hidden: np.ndarray | None,
     frame: tuple[np.ndarray, np.ndarray],
 ) -> tuple[np.ndarray, np.ndarray | None]:
     """Return the pixels (V, H, W) bool that confirm, in a frame, what the other cameras see in the
     voxels of a space, and those that deny it, None without any. margin: as of `find_hidden_in_box`.
-    hidden: (V, H, W) bool, pixels known to be hidden already, which deny nothing. frame: its
-    evidence maps, and the number of cameras that show foreground in each voxel."""
+    agreeing, denying: see `_SEARCHES`. hidden: (V, H, W) bool, pixels known to be hidden already,
+    which deny nothing. frame: its evidence maps, and the number of cameras that show foreground in
+    each voxel."""
     evidence, seeing = frame
     shown = evidence > 0
     if hidden is not None:
         evidence = np.where(hidden & ~shown, np.int8(0), evidence)
-    rows = np.flatnonzero(seeing >= search.agreeing)
+    rows = np.flatnonzero(seeing >= agreeing)
     pixels = space.pixels[:, rows]
     counts = look_up(evidence, pixels)
     occupied, against = counts.sum(0, dtype=np.int16) > 0, counts < 0
@@ -149,10 +145,10 @@ def _judge(
     rest, square = shown & ~explained, np.ones((3, 3), np.uint8)
     lonely = np.stack([cv2.erode(own, square) for own in _bytes(rest)]) > 0
     denied = None
-    if lonely.any((1, 2)).sum() >= search.agreeing:
+    if lonely.any((1, 2)).sum() >= agreeing:
         denied = np.zeros_like(shown)
         n_against, n_for = against.sum(0), (counts > 0).sum(0)
-        amiss = (_count(lonely, pixels) >= search.agreeing) & (n_against <= search.denying)
+        amiss = (_count(lonely, pixels) >= agreeing) & (n_against <= denying)
         amiss &= ~occupied & (n_for >= n_against)
         for view, own in enumerate(shown):
             denied[view] = space.cover(view, rows[amiss & against[view]]) & ~own
@@ -166,9 +162,3 @@ def _count(maps: np.ndarray, pixels: np.ndarray) -> np.ndarray:
 
 def _bytes(maps: np.ndarray) -> np.ndarray:
     return maps.view(np.uint8)
-
-
-def _enlarge(region: np.ndarray, size: tuple[int, int]) -> np.ndarray:
-    if region.shape == size[::-1]:
-        return region
-    return cv2.resize(region.view(np.uint8), size, interpolation=cv2.INTER_NEAREST).view(bool)

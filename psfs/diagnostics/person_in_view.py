@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
-from psfs.cameras.camera import CameraRig
+from psfs.cameras.camera import Camera, CameraRig
 from psfs.diagnostics.small_views import Outline, find_reached_edges
 
 #: Share of the frames in which a camera should see somebody, and of these wholly; height of a
@@ -16,9 +15,11 @@ _USUALLY, _HEIGHT = 0.75, 100.0
 _EDGES = ("left", "top", "right", "bottom")
 
 
-@dataclass(frozen=True)
 class PersonInView:
     """One camera's view of the person in the examined frames.
+
+    outlines, scale: see `find_person_in_views`. there: number of frames in which two cameras see
+    somebody.
 
     seen: share of the frames in which two cameras see somebody. whole: share of those in which the
     silhouette ends within the picture. height: median, px of the sequence's own pictures; NaN if it
@@ -26,11 +27,18 @@ class PersonInView:
     does.
     """
 
-    camera: str
-    seen: float
-    whole: float
-    height: float
-    edge: str = ""
+    def __init__(
+        self, camera: Camera, outlines: Sequence[Outline | None], there: int, scale: float
+    ) -> None:
+        self.camera = camera.name
+        traced = [outline for outline in outlines if outline is not None]
+        reached = [find_reached_edges(line.contour, camera.size).any(axis=0) for line in traced]
+        beyond = np.array(reached).reshape(-1, 4)
+        self.seen = len(traced) / max(1, there)
+        self.whole = float((~beyond.any(axis=1)).mean()) if len(traced) else 0.0
+        heights = [float(np.ptp(outline.points[:, 1])) + 1 for outline in traced]
+        self.height = scale * float(np.median(heights)) if heights else float("nan")
+        self.edge = _EDGES[int(beyond.sum(axis=0).argmax())] if beyond.any() else ""
 
     def describe(self) -> str:
         """Return what to do about the camera; empty if nothing."""
@@ -59,20 +67,7 @@ def find_person_in_views(
     scale: size of the sequence's own pictures relative to those of the rig."""
     least = min(2, len(rig))
     there = [row for row in outlines if sum(one is not None for one in row) >= least]
-    persons = []
-    for view, camera in enumerate(rig):
-        traced = [outline for row in outlines if (outline := row[view]) is not None]
-        reached = [find_reached_edges(line.contour, camera.size).any(axis=0) for line in traced]
-        beyond = np.array(reached).reshape(-1, 4)
-        whole = ~beyond.any(axis=1)
-        heights = [float(np.ptp(outline.points[:, 1])) + 1 for outline in traced]
-        persons.append(
-            PersonInView(
-                camera.name,
-                len(traced) / max(1, len(there)),
-                float(whole.mean()) if len(traced) else 0.0,
-                scale * float(np.median(heights)) if heights else float("nan"),
-                _EDGES[int(beyond.sum(axis=0).argmax())] if beyond.any() else "",
-            )
-        )
-    return persons
+    return [
+        PersonInView(camera, [row[view] for row in outlines], len(there), scale)
+        for view, camera in enumerate(rig)
+    ]

@@ -42,15 +42,6 @@ _HALF_SPEED = 1.0
 _LEAST_ROWS = 4
 
 
-def spread_rig(turn: float, shift: float, focal: float, time: float) -> np.ndarray:
-    """Return the standard deviations (8,) of the errors of cameras; what has none, 0, is held.
-
-    turn: of the rotation about an axis, rad. shift: of the position along an axis, m. focal: of the
-    logarithm of the focal length. time: of the offset, frames; larger ones are whole frames.
-    """
-    return np.array([*3 * [turn], *3 * [shift], focal, time])
-
-
 @dataclass(frozen=True, eq=False)
 class RigCorrections:
     """Corrections of V cameras.
@@ -138,9 +129,10 @@ def fit_rig(
     """Return the corrections under which the points that `find` finds fit best.
 
     None if there are too few. gates: px, one per matching of points; with wider ones times are less
-    certain, so that the residuals of fast points count less. spread: (8,), see `spread_rig`.
-    start: (V, 8), no corrections by default. group: numbers (M,) of the groups of points whose
-    noise is estimated apart.
+    certain, so that the residuals of fast points count less. spread: (8,) standard deviations of
+    the cameras' errors, as in `RigCorrections`; what has none, 0, is held. start: (V, 8), no
+    corrections by default. group: numbers (M,) of the groups of points whose noise is estimated
+    apart.
     """
     values = np.zeros((len(rig), N_PARAMETERS)) if start is None else start
     free, sizes = np.broadcast_to(spread > 0, values.shape), np.where(spread > 0, spread, np.inf)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -30,66 +29,23 @@ _KEYPOINTS = (
 )  # fmt: skip
 
 
-@dataclass(frozen=True)
-class CameraFacts:
-    """Facts of one camera.
-
-    size: px. focal: mean focal length, px. distance: m, to the point where the optical axes meet.
-    height: m above z = 0. frames: number of frames in its pictures.
-    """
-
-    name: str
-    size: tuple[int, int]
-    focal: float
-    distance: float
-    height: float
-    frames: int
-
-
-@dataclass(frozen=True)
 class SequenceInfo:
-    """What follows from a sequence's files.
+    """What follows from a sequence's files. Decodes no more than opening the sequence did.
 
-    centre: (3,) m, where the optical axes meet. shared: box (low, high), m, that `needed` cameras
-    see, or None. extent: m between the rig's farthest cameras. warnings: likely errors. keypoints:
-    file or folder that seems to hold 2-D keypoints of a pose network, or None; nothing here reads
-    it.
+    centre: (3,) m, where the optical axes meet; distances: (V,) m of the cameras from there.
+    shared: box (low, high), m, that `needed` cameras see, or None. extent: m between the rig's
+    farthest cameras. warnings: likely errors. keypoints: file or folder that seems to hold 2-D
+    keypoints of a pose network, or None; nothing here reads it.
     """
 
-    cameras: list[CameraFacts]
-    centre: np.ndarray
-    shared: tuple[np.ndarray, np.ndarray] | None
-    needed: int
-    extent: float
-    warnings: list[str]
-    keypoints: Path | None
-
-
-def sequence_info(sequence: Sequence) -> SequenceInfo:
-    """Return facts and warnings. Decodes no more than opening the sequence did."""
-    rig = sequence.rig
-    centre, needed = intersect_axes(rig), required_views(rig)
-    media = sequence.footage.images or sequence.footage.masks or ()
-    cameras = [
-        CameraFacts(
-            camera.name,
-            camera.size,
-            float((camera.K[0, 0] + camera.K[1, 1]) / 2),
-            float(np.linalg.norm(camera.centre - centre)),
-            float(camera.centre[2]),
-            pictures.count,
-        )
-        for camera, pictures in zip(rig, media, strict=True)
-    ]
-    return SequenceInfo(
-        cameras=cameras,
-        centre=centre,
-        shared=find_seen_box(rig, needed),
-        needed=needed,
-        extent=rig_extent(rig),
-        warnings=[*_count_warnings(sequence), *rig_warnings(rig)],
-        keypoints=find_keypoints(sequence.folder),
-    )
+    def __init__(self, sequence: Sequence) -> None:
+        rig = sequence.rig
+        self.centre, self.needed = intersect_axes(rig), required_views(rig)
+        self.distances = np.linalg.norm(rig.centres - self.centre, axis=1)
+        self.shared = find_seen_box(rig, self.needed)
+        self.extent = rig_extent(rig)
+        self.warnings = [*_count_warnings(sequence), *rig_warnings(rig)]
+        self.keypoints = find_keypoints(sequence.folder)
 
 
 def find_keypoints(folder: Path) -> Path | None:

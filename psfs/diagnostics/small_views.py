@@ -127,7 +127,8 @@ def small_views(
         *row, silhouettes, grey = measured
         rows.append(row)
         now = silhouettes.view(np.uint8) * np.uint8(255) if grey is None else grey
-        changes.append(_count_changes(now, now if before is None else before))
+        moved = zip(now, now if before is None else before, strict=True)
+        changes.append([np.count_nonzero(cv2.absdiff(*pair) > _CODEC) for pair in moved])
         before = now
         if number in kept_frames:
             masks.append(silhouettes)
@@ -246,8 +247,6 @@ class Shrink:
         return out
 
     def frame(self, frame: Frame) -> Frame:
-        if self._factor == 1:
-            return frame
         images = None if frame.images is None else self(frame.images)
         masks = None if frame.masks is None else self(frame.masks)
         return replace(frame, images=images, masks=masks)
@@ -277,14 +276,6 @@ def _grey(pictures: np.ndarray) -> np.ndarray:
     for picture, into in zip(pictures, grey, strict=True):
         cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY, into)
     return grey
-
-
-def _count_changes(a: np.ndarray, b: np.ndarray) -> list[int]:
-    """Return the number of pixels of each view (V, h, w) that differ by more than a codec's
-    noise."""
-    return [
-        int(np.count_nonzero(cv2.absdiff(one, two) > _CODEC)) for one, two in zip(a, b, strict=True)
-    ]
 
 
 def _gains(

@@ -25,7 +25,6 @@ from psfs.footage.camera_times import (
     CameraTimes,
     PairCosts,
     compare_signals,
-    estimate_times,
     mean_costs,
     sum_costs,
 )
@@ -60,11 +59,6 @@ class PairSums:
     @property
     def cost(self) -> float:
         return float(_divide(self.sums.sum(), self.counts.sum()))
-
-    @property
-    def blocks(self) -> np.ndarray:
-        """Mean (B,) of each stretch of frames; NaN without any pair."""
-        return _divide(self.sums.sum((1, 2)), self.counts.sum((1, 2)))
 
     @property
     def cameras(self) -> np.ndarray:
@@ -181,7 +175,7 @@ class Tangency:
     def measure_times(self, most: int) -> CameraTimes:
         """Estimate the cameras' offsets of up to `most` frames from the motion of their planes."""
         costs = self._compare_motions(2 * most) if most > 1 else {}
-        return estimate_times(len(self.rig), costs, noise=NOISE)
+        return CameraTimes(len(self.rig), costs, noise=NOISE)
 
     def measure_offset_costs(self, most: int) -> np.ndarray:
         """Return (V, 2 most + 1) the mean difference of each camera's planes from the others' if

@@ -2,7 +2,7 @@
 
 Two kinds of evidence tell the offset between two cameras: costs at every whole offset (of signals
 that both show, such as silhouettes, keypoints or the height of a head), and offsets measured with
-a deviation (sound). `estimate_times` finds the whole offsets of the greatest likelihood by costs,
+a deviation (sound). `CameraTimes` finds the whole offsets of the greatest likelihood by costs,
 and measures fractions around these; `combine_offsets` combines measured ones.
 """
 
@@ -41,9 +41,11 @@ class MeasuredOffset:
     sigma: float
 
 
-@dataclass(frozen=True, eq=False)
 class CameraTimes:
-    """The times of V cameras.
+    """The times of V cameras, estimated from the costs of offsets between pairs.
+
+    noise: mean difference up to which signals agree. Differences are taken to be Laplace
+    distributed with an unknown scale, so the log-likelihood of an offset is -n log(mean + noise).
 
     offsets: (V,) frames by which each camera's pictures come later than the median camera's.
     sigmas: (V,) their standard deviations, frames. chances: (V,) probability that as many of
@@ -51,9 +53,14 @@ class CameraTimes:
     each is best at any offset alike, as parts are that tell nothing; 1 without an offset.
     """
 
-    offsets: np.ndarray
-    sigmas: np.ndarray
-    chances: np.ndarray
+    def __init__(self, n_cameras: int, costs: PairCosts, noise: float = 1e-9) -> None:
+        tables = {pair: _measure_likelihood(table, noise) for pair, table in costs.items()}
+        whole = _choose_whole_offsets(n_cameras, tables)
+        self.offsets, self.sigmas = combine_offsets(n_cameras, _measure_fractions(tables, whole))
+        self.chances = np.ones(n_cameras)
+        for view in np.flatnonzero(whole):
+            if any(view in pair for pair in tables):
+                self.chances[view] = _test_offset(int(view), whole, costs, tables)
 
     @property
     def whole(self) -> list[int]:
@@ -100,22 +107,6 @@ def mean_costs(table: np.ndarray) -> np.ndarray:
     sums, counts = table.sum(axis=1).T
     enough = counts > LEAST_OVERLAP * counts.max(initial=1)
     return np.where(enough, sums / np.maximum(counts, 1), np.nan)
-
-
-def estimate_times(n_cameras: int, costs: PairCosts, noise: float = 1e-9) -> CameraTimes:
-    """Estimate the cameras' offsets.
-
-    noise: mean difference up to which signals agree. Differences are taken to be Laplace
-    distributed with an unknown scale, so the log-likelihood of an offset is -n log(mean + noise).
-    """
-    tables = {pair: _measure_likelihood(table, noise) for pair, table in costs.items()}
-    whole = _choose_whole_offsets(n_cameras, tables)
-    offsets, sigmas = combine_offsets(n_cameras, _measure_fractions(tables, whole))
-    chances = np.ones(n_cameras)
-    for view in np.flatnonzero(whole):
-        if any(view in pair for pair in tables):
-            chances[view] = _test_offset(int(view), whole, costs, tables)
-    return CameraTimes(offsets, sigmas, chances)
 
 
 def combine_offsets(

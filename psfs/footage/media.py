@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -14,7 +14,6 @@ from cl import InputError
 from psfs.cameras.names import natural_key
 from psfs.common.numbers import pick_evenly
 from psfs.common.pictures import read_mask, read_picture
-from psfs.common.progress import map_in_threads
 from psfs.footage.video import VideoDecoder, VideoIndex, index_video
 
 VIDEO_SUFFIXES = {
@@ -92,12 +91,6 @@ def open_media(name: str, paths: Sequence[Path]) -> Media:
         return Media(name, tuple(paths), read_picture_size(paths[0]), len(paths))
     index = index_video(paths[0])
     return Media(name, (paths[0],), index.size, len(index.stamps), index.fps, index=index)
-
-
-def open_all_media(paths: Mapping[str, Sequence[Path]]) -> tuple[Media, ...]:
-    """Open the media of every camera, by name, in parallel. Raises InputError as `open_media`
-    does."""
-    return tuple(map_in_threads(lambda item: open_media(*item), paths.items()))
 
 
 def read_picture_size(path: Path) -> tuple[int, int]:

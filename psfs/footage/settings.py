@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from functools import partial
 from pathlib import Path
 from pkgutil import resolve_name
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from pydantic import ValidationInfo, field_validator
+from pydantic import AfterValidator
 
 from cl import InputError
 from psfs.common.config import Config, setting
@@ -38,146 +37,20 @@ if TYPE_CHECKING:
     import numpy as np
 
 
-class SequenceSettings(Config):
-    """The keys of `sequence.toml`; None for those that are not stated."""
-
-    unit: str | float | None = setting(
-        None,
-        "Unit of the calibration: m, cm, mm, 0.76mm or metres per unit.",
-        "the calibration's own, else metres",
-        flag="--unit",
-        metavar="U",
-    )
-    up: str | None = setting(
-        None,
-        "Up axis of the calibration's world: z, -z, y, -y, x or -x.",
-        "z",
-        flag="--up",
-        metavar="AXIS",
-    )
-    fps: float | None = setting(
-        None,
-        "Frame rate.",
-        "the videos' own, else 30",
-        "frames/s",
-        least=0.001,
-        most=100_000,
-        flag="--fps",
-        flag_help="frames per second, as 30 or 30000/1001",
-        metavar="N",
-    )
-    background: BackgroundKind | None = setting(
-        None, "How silhouettes are made.", "by what lies in the folder", flag="--background"
-    )
-    key: str | None = setting(
-        None,
-        "The screen's colour, #rrggbb, where the background is `chroma`.",
-        "found in the pictures",
-        flag="--key",
-        flag_help="the screen's colour for --background chroma",
-        metavar="#rrggbb",
-    )
-    threshold: float | None = setting(
-        None,
-        "Brightness, 0 to 1, from which on a pixel is foreground where the background is "
-        "`threshold`.",
-        "to be stated",
-        above=0,
-        below=1,
-        flag="--threshold",
-        flag_help="brightness 0..1 for --background threshold",
-        metavar="T",
-    )
-    dilate: int | None = setting(
-        None, "Width by which such foreground is dilated.", "0", "px", least=0, most=1000
-    )
-    erode: int | None = setting(
-        None, "Width by which such foreground is then eroded.", "0", "px", least=0, most=1000
-    )
-    volume: Any = setting(
-        None,
-        "Box to reconstruct, [[x0, y0, z0], [x1, y1, z1]] with Z up, or {own = ...} in the "
-        "calibration's unit and axes.",
-        "found from the silhouettes",
-        "m",
-        flag="--volume",
-        flag_help="the box to reconstruct, in metres with Z up; own:x0,... in the "
-        "calibration's own unit and axes",
-        metavar="x0,x1,y0,y1,z0,z1",
-    )
-    calibration: str | Path | None = setting(
-        None,
-        "Calibration file or folder, relative to the sequence's folder.",
-        "found in the folder",
-        flag="--calibration",
-        flag_help="calibration file or folder",
-        metavar="PATH",
-    )
-    cameras: tuple[str, ...] | None = setting(
-        None,
-        "Names of the cameras to use.",
-        "all",
-        flag="--cameras",
-        flag_help="use only these cameras",
-        metavar="A,B,C",
-    )
-    sync: Any = setting(
-        None,
-        '"auto" (by the silhouettes), "audio" (by the sound of the videos), or by how many of its '
-        "frames a camera comes late, by name; [frames, speed] if its clock runs differently.",
-        "as many frames late as the files say",
-        "frames",
-        flag="--sync",
-        flag_help="cameras that come N of their frames later than the others, or earlier "
-        "(-N); auto: found in the pictures; audio: by the sound of the videos",
-        metavar="auto|audio|CAMERA=N,...",
-    )
-    files: Any = setting(
-        None,
-        "Which video, or folder of pictures, is whose, by camera, where neither their names nor "
-        "their order tells.",
-        "by names, else by order",
-    )
-    subject: Subject | None = setting(
-        None,
-        "What is filmed: a person, who stands on the floor and is 0.5 to 2.5 m tall, or any "
-        "object.",
-        "person",
-        flag="--subject",
-    )
-    take: str | None = setting(
-        None,
-        "Which of the takes in the folder, where it has several.",
-        "to be stated",
-        flag="--take",
-        flag_help="which take of a folder with several (HumanEva's: Box_1)",
-        metavar="NAME",
-    )
-
-    @field_validator(
-        "unit", "up", "key", "calibration", "take", "cameras", "sync", "files", "volume"
-    )
-    @classmethod
-    def _check(cls, value: object, info: ValidationInfo) -> object:
-        return None if value is None else _CHECKS[str(info.field_name)](value)
-
-    @classmethod
-    def read(cls, path: Path) -> SequenceSettings:
-        """Read the settings of a `sequence.toml`; all are None if there is no file."""
-        if not path.exists():
-            return cls()
-        values = read_toml(path)
-        with name_file_in_errors(path):
-            return cls.from_dict(values)
-
-    def fill_from(self, other: SequenceSettings) -> SequenceSettings:
-        """Return these settings, with those that are not stated taken from `other`."""
-        return other.replace(**{key: value for key, value in self if value is not None})
+def _checked(check: Callable[[Any], object]) -> AfterValidator:
+    """Return what checks a stated key beside its type, and returns the value or a tidier one."""
+    return AfterValidator(lambda value: None if value is None else check(value))
 
 
-def _check_parsed(value: object, parse: str) -> object:
-    resolve_name(parse)(value)  # imported when it is needed, for it takes a while
-    return value
+def _parsed(parse: str) -> AfterValidator:
+    """Return what has a function, `module:name`, parse a stated key. It is imported when it is
+    needed, for that takes a while."""
+
+    def check(value: object) -> object:
+        resolve_name(parse)(value)
+        return value
+
+    return _checked(check)
 
 
 def _check_path(value: str | Path) -> object:
@@ -221,22 +94,6 @@ def _check_sync(value: object) -> object:
     return dict(value)
 
 
-def split_delays(sync: object) -> dict[str, tuple[float, float]]:
-    """Return by how many of its frames each camera of a checked `sync` is late, and how many
-    seconds its clock counts in a second."""
-    delays = sync.items() if isinstance(sync, Mapping) else ()
-    return {name: tuple(by) if isinstance(by, (list, tuple)) else (by, 1) for name, by in delays}
-
-
-def join_delays(delays: Mapping[str, tuple[float, float]]) -> dict[str, Any]:
-    """Return the `sync` of `split_delays`; cameras without a delay are left out."""
-    return {
-        name: late if speed == 1 else [late, speed]
-        for name, (late, speed) in delays.items()
-        if (late, speed) != (0, 1)
-    }
-
-
 def _check_volume(value: object) -> object:
     """Return (low, high), m with Z up; or {"own": (low, high)} in the file's axes and unit."""
     if isinstance(value, Mapping):
@@ -269,11 +126,147 @@ def _check_corners(value: object, farthest: float) -> tuple[np.ndarray, np.ndarr
     return low, high
 
 
-#: What checks the keys beside their types, and returns the value or a tidier one.
-_CHECKS: Mapping[str, Callable[[Any], object]] = {
-    "unit": partial(_check_parsed, parse="psfs.cameras.units:metres_per_unit"),
-    "up": partial(_check_parsed, parse="psfs.cameras.units:rotation_to_z_up"),
-    "key": partial(_check_parsed, parse="psfs.common.colours:parse_colour"),
-    "take": lambda value: check_name(value, "`take`"), "calibration": _check_path,
-    "cameras": _check_cameras, "sync": _check_sync, "files": _check_files, "volume": _check_volume,
-}  # fmt: skip
+class SequenceSettings(Config):
+    """The keys of `sequence.toml`; None for those that are not stated."""
+
+    unit: Annotated[str | float | None, _parsed("psfs.cameras.units:metres_per_unit")] = setting(
+        None,
+        "Unit of the calibration: m, cm, mm, 0.76mm or metres per unit.",
+        "the calibration's own, else metres",
+        flag="--unit",
+        metavar="U",
+    )
+    up: Annotated[str | None, _parsed("psfs.cameras.units:rotation_to_z_up")] = setting(
+        None,
+        "Up axis of the calibration's world: z, -z, y, -y, x or -x.",
+        "z",
+        flag="--up",
+        metavar="AXIS",
+    )
+    fps: float | None = setting(
+        None,
+        "Frame rate.",
+        "the videos' own, else 30",
+        "frames/s",
+        least=0.001,
+        most=100_000,
+        flag="--fps",
+        flag_help="frames per second, as 30 or 30000/1001",
+        metavar="N",
+    )
+    background: BackgroundKind | None = setting(
+        None, "How silhouettes are made.", "by what lies in the folder", flag="--background"
+    )
+    key: Annotated[str | None, _parsed("psfs.common.colours:parse_colour")] = setting(
+        None,
+        "The screen's colour, #rrggbb, where the background is `chroma`.",
+        "found in the pictures",
+        flag="--key",
+        flag_help="the screen's colour for --background chroma",
+        metavar="#rrggbb",
+    )
+    threshold: float | None = setting(
+        None,
+        "Brightness, 0 to 1, from which on a pixel is foreground where the background is "
+        "`threshold`.",
+        "to be stated",
+        above=0,
+        below=1,
+        flag="--threshold",
+        flag_help="brightness 0..1 for --background threshold",
+        metavar="T",
+    )
+    dilate: int | None = setting(
+        None, "Width by which such foreground is dilated.", "0", "px", least=0, most=1000
+    )
+    erode: int | None = setting(
+        None, "Width by which such foreground is then eroded.", "0", "px", least=0, most=1000
+    )
+    volume: Annotated[Any, _checked(_check_volume)] = setting(
+        None,
+        "Box to reconstruct, [[x0, y0, z0], [x1, y1, z1]] with Z up, or {own = ...} in the "
+        "calibration's unit and axes.",
+        "found from the silhouettes",
+        "m",
+        flag="--volume",
+        flag_help="the box to reconstruct, in metres with Z up; own:x0,... in the "
+        "calibration's own unit and axes",
+        metavar="x0,x1,y0,y1,z0,z1",
+    )
+    calibration: Annotated[str | Path | None, _checked(_check_path)] = setting(
+        None,
+        "Calibration file or folder, relative to the sequence's folder.",
+        "found in the folder",
+        flag="--calibration",
+        flag_help="calibration file or folder",
+        metavar="PATH",
+    )
+    cameras: Annotated[tuple[str, ...] | None, _checked(_check_cameras)] = setting(
+        None,
+        "Names of the cameras to use.",
+        "all",
+        flag="--cameras",
+        flag_help="use only these cameras",
+        metavar="A,B,C",
+    )
+    sync: Annotated[Any, _checked(_check_sync)] = setting(
+        None,
+        '"auto" (by the silhouettes), "audio" (by the sound of the videos), or by how many of its '
+        "frames a camera comes late, by name; [frames, speed] if its clock runs differently.",
+        "as many frames late as the files say",
+        "frames",
+        flag="--sync",
+        flag_help="cameras that come N of their frames later than the others, or earlier "
+        "(-N); auto: found in the pictures; audio: by the sound of the videos",
+        metavar="auto|audio|CAMERA=N,...",
+    )
+    files: Annotated[Any, _checked(_check_files)] = setting(
+        None,
+        "Which video, or folder of pictures, is whose, by camera, where neither their names nor "
+        "their order tells.",
+        "by names, else by order",
+    )
+    subject: Subject | None = setting(
+        None,
+        "What is filmed: a person, who stands on the floor and is 0.5 to 2.5 m tall, or any "
+        "object.",
+        "person",
+        flag="--subject",
+    )
+    take: Annotated[str | None, _checked(lambda take: check_name(take, "`take`"))] = setting(
+        None,
+        "Which of the takes in the folder, where it has several.",
+        "to be stated",
+        flag="--take",
+        flag_help="which take of a folder with several (HumanEva's: Box_1)",
+        metavar="NAME",
+    )
+
+    @classmethod
+    def read(cls, path: Path) -> SequenceSettings:
+        """Read the settings of a `sequence.toml`; all are None if there is no file."""
+        if not path.exists():
+            return cls()
+        values = read_toml(path)
+        with name_file_in_errors(path):
+            return cls.from_dict(values)
+
+    def fill_from(self, other: SequenceSettings) -> SequenceSettings:
+        """Return these settings, with those that are not stated taken from `other`."""
+        return other.replace(**{key: value for key, value in self if value is not None})
+
+
+def split_delays(sync: object) -> dict[str, tuple[float, float]]:
+    """Return by how many of its frames each camera of a checked `sync` is late, and how many
+    seconds its clock counts in a second."""
+    delays = sync.items() if isinstance(sync, Mapping) else ()
+    return {name: tuple(by) if isinstance(by, (list, tuple)) else (by, 1) for name, by in delays}
+
+
+def join_delays(delays: Mapping[str, tuple[float, float]]) -> dict[str, Any]:
+    """Return the `sync` of `split_delays`; cameras without a delay are left out."""
+    return {
+        name: late if speed == 1 else [late, speed]
+        for name, (late, speed) in delays.items()
+        if (late, speed) != (0, 1)
+    }

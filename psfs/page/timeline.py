@@ -64,7 +64,7 @@ class Playback:
         self.position = int(np.searchsorted(self.times, self._clock, "right")) - 1
 
 
-class TimeLine:
+class TimeLine(Playback):
     """The time line of a run's `frames` (F,).
 
     gui: viser's, in whose current folder the line is added. show: called with the position in
@@ -80,10 +80,10 @@ class TimeLine:
         show: Callable[[int], object],
         stops: Sequence[int] = (),
     ) -> None:
-        self.playback = Playback(frames / fps)
+        super().__init__(frames / fps)
         self._show, self._stops = show, np.unique(np.asarray(stops, int))
-        self._lock, self._ended, self._changed = threading.RLock(), threading.Event(), False
-        self._wake = threading.Event()
+        self._lock = threading.RLock()
+        self._ended, self._wake = threading.Event(), threading.Event()
         self.slider: Any = gui.add_slider(
             "frame", 0, max(1, len(frames) - 1), 1, 0,
             hint="which frame is shown, counted from the first one of the run",
@@ -93,14 +93,14 @@ class TimeLine:
             "go to", (_FIRST, _BACK, _AHEAD, _LAST),
             hint="keys: Home, J, L, End; N and P: next and previous frame to check",
         )  # fmt: skip
-        self.speed: Any = gui.add_dropdown(
+        self.speeds: Any = gui.add_dropdown(
             "speed", [f"{speed:g}" for speed in SPEEDS], initial_value="1",
             hint="times as fast as the recording; keys: Page Up, Page Down",
         )  # fmt: skip
         self.slider.on_update(self._slide)
         self.button.on_click(lambda event: self._press(_PLAY))
         self.buttons.on_click(lambda event: self._press(event.target.value))
-        self.speed.on_update(lambda event: self._set_speed(float(self.speed.value)))
+        self.speeds.on_update(lambda event: self._set_speed(float(self.speeds.value)))
         self._commands = [add_key(gui, *key) for key in self.list_keys()]
         self._thread = threading.Thread(target=self._play, daemon=True, name="time line")
         self._thread.start()
@@ -113,31 +113,21 @@ class TimeLine:
             ("Previous frame", "J", lambda: self._press(_BACK)),
             ("First frame", "home", lambda: self._press(_FIRST)),
             ("Last frame", "end", lambda: self._press(_LAST)),
-            ("Faster", "pageup", lambda: self._change_speed(1)),
-            ("Slower", "pagedown", lambda: self._change_speed(-1)),
+            ("Faster", "pageup", lambda: self.change_speed(1)),
+            ("Slower", "pagedown", lambda: self.change_speed(-1)),
             ("Next frame to check", "N", lambda: self.go_to_stop(1)),
             ("Previous frame to check", "P", lambda: self.go_to_stop(-1)),
         ]
 
-    @property
-    def position(self) -> int:
-        """Position of the frame that is shown."""
-        return self.playback.position
-
-    @property
-    def playing(self) -> bool:
-        """Whether it plays."""
-        return self.playback.playing
-
     def refresh(self) -> None:
         """Show the current frame again."""
         with self._lock:
-            self._show(self.playback.position)
+            self._show(self.position)
 
     def seek(self, position: int) -> None:
         """Pause, and show the frame at a position."""
         with self._lock:
-            self.playback.seek(position)
+            super().seek(position)
             self._present(slider=True)
 
     def go_to_stop(self, way: int) -> None:
@@ -154,13 +144,13 @@ class TimeLine:
         self._ended.set()
         self._wake.set()
         self._thread.join(timeout=30)
-        for part in (self.slider, self.button, self.buttons, self.speed, *self._commands):
+        for part in (self.slider, self.button, self.buttons, self.speeds, *self._commands):
             part.remove()
 
     def _press(self, button: str) -> None:
         with self._lock:
             if button == _PLAY:
-                self.playback.playing = not self.playing
+                self.playing = not self.playing
                 self._name_button()
                 self._wake.set()
                 self._move_slider()
@@ -172,35 +162,36 @@ class TimeLine:
         if event.client is not None:  # else it was moved by the clock
             with self._lock:
                 if int(self.slider.value) != self.position:
-                    self.playback.seek(int(self.slider.value))
+                    super().seek(int(self.slider.value))
                     self._present(slider=False)
 
     def _set_speed(self, speed: float) -> None:
         with self._lock:
-            self.playback.speed = speed
+            self.speed = speed
 
-    def _change_speed(self, by: int) -> None:
+    def change_speed(self, by: int) -> None:
+        """Move `by` entries along SPEEDS, and say so."""
         with self._lock:
-            self.playback.change_speed(by)
-            self.speed.value = f"{self.playback.speed:g}"
+            super().change_speed(by)
+            self.speeds.value = f"{self.speed:g}"
 
     def _name_button(self) -> None:
         self.button.label = _PAUSE if self.playing else _PLAY
 
     def _present(self, slider: bool) -> None:
-        self._show(self.playback.position)
+        self._show(self.position)
         self._name_button()
         if slider:
             self._move_slider()
 
     def _move_slider(self) -> None:
-        if int(self.slider.value) != self.playback.position:
-            self.slider.value = self.playback.position
+        if int(self.slider.value) != self.position:
+            self.slider.value = self.position
 
     def _play(self) -> None:
         last, slid, played = time.perf_counter(), 0.0, False
         while not self._ended.is_set():
-            if not self.playback.playing:
+            if not self.playing:
                 if played:
                     self.refresh()  # with what was left out while it played
                 played = False
@@ -210,9 +201,9 @@ class TimeLine:
                 continue
             now, played = time.perf_counter(), True
             with self._lock:
-                before = self.playback.position
-                self.playback.advance(now - last)
-                if self.playback.position != before:
+                before = self.position
+                self.advance(now - last)
+                if self.position != before:
                     due = now - slid > 1 / _SLIDER_RATE
                     slid = now if due else slid
                     self._present(slider=due)

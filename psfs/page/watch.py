@@ -53,7 +53,8 @@ class Watch:
         self.pointed: Callable[[int, np.ndarray], object] = lambda view, way: None
         self._add_nodes(server.scene)
         with line or panel:
-            self._add_time_line(server.gui)
+            self.status, stops = server.gui.add_html(""), self._find_stops()
+            self.time_line = TimeLine(server.gui, opened.frames, opened.fps, self._show, stops)
         with panel:
             self._add_controls(server.gui)
         with beside:
@@ -77,12 +78,6 @@ class Watch:
         self._server.initial_camera.look_at = look_at
         self._server.initial_camera.position = position
         scene.set_up_direction("+z")
-
-    def _add_time_line(self, gui: viser.GuiApi) -> None:
-        self.status = gui.add_html("")
-        self.time_line = TimeLine(
-            gui, self.opened.frames, self.opened.fps, self._show, self._find_stops()
-        )
 
     def _add_controls(self, gui: viser.GuiApi) -> None:
         clouds = self.opened.clouds

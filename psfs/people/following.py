@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import scipy
 
+from psfs.common.numbers import find_true_runs
 from psfs.people.coarse_voxels import DEBRIS, CoarseFrame, count_least_voxels
 from psfs.voxels.division import BANDS, LEVELS
 from psfs.voxels.grid import VoxelGrid
@@ -38,10 +39,14 @@ class Trajectory:
     """Trajectory of a person or an object.
 
     voxels: flat indices, by frame. colours: histograms (BANDS, LEVELS^3), by frame, in some frames.
+    points: the voxels' centres (N, 3) m in the frame that was followed last; speed: the velocity
+    (2,) on the floor there, m per frame.
     """
 
     voxels: dict[int, np.ndarray] = field(default_factory=dict)
     colours: dict[int, np.ndarray] = field(default_factory=dict)
+    points: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
+    speed: np.ndarray = field(default_factory=lambda: np.zeros(2))
 
     @property
     def frames(self) -> np.ndarray:
@@ -52,26 +57,10 @@ class Trajectory:
         """Return the sum of the colours in all frames."""
         return sum(self.colours.values(), np.zeros((BANDS, LEVELS**3)))
 
-
-@dataclass(frozen=True, eq=False)
-class _ActiveTrajectory:
-    """A trajectory with its voxels' centres (N, 3) m in the last frame, and its velocity (2,) on
-    the floor, m per frame."""
-
-    one: Trajectory
-    points: np.ndarray
-    speed: np.ndarray
-
-    @property
-    def moved(self) -> np.ndarray:
-        """The points where they are expected in the next frame."""
-        return self.points + np.append(self.speed, 0)
-
-    def advance(self, points: np.ndarray, reach: float, newest: float) -> _ActiveTrajectory:
-        """Return the trajectory with its `points` of the next frame; newest: weight of that step in
-        the velocity."""
+    def advance(self, points: np.ndarray, reach: float) -> None:
+        """Go on to the `points` (N, 3) m of the next frame."""
         step = np.clip(find_middle(points) - find_middle(self.points), -reach, reach)
-        return _ActiveTrajectory(self.one, points, (1 - newest) * self.speed + newest * step)
+        self.points, self.speed = points, (1 - _NEWEST) * self.speed + _NEWEST * step
 
 
 def stands(points: np.ndarray, size: float) -> bool:
@@ -95,23 +84,21 @@ class PeopleFollower:
         self.grid = grid
         self._reach = max(REACH, 1.5 * SPEED / fps)
         self.all: list[Trajectory] = []
-        self._going: list[_ActiveTrajectory] = []
+        self._going: list[Trajectory] = []
 
     def begin(self, trajectories: list[Trajectory], frame: int) -> None:
         """Go on from `frame` of these trajectories."""
         self.all = list(trajectories)
-        self._going = [
-            _ActiveTrajectory(one, self.grid.centres(one.voxels[frame]), np.zeros(2))
-            for one in trajectories
-            if frame in one.voxels
-        ]
+        self._going = [one for one in trajectories if frame in one.voxels]
+        for one in self._going:
+            one.points, one.speed = self.grid.centres(one.voxels[frame]), np.zeros(2)
 
     def __call__(self, frame: CoarseFrame) -> None:
         """Assign the regions of the next frame."""
         points = self.grid.centres(frame.voxels)
         n_regions = int(frame.regions.max()) + 1 if len(frame.regions) else 0
         sizes = np.bincount(frame.regions, minlength=n_regions)
-        moved = [of.moved for of in self._going]
+        moved = [one.points + np.append(one.speed, 0) for one in self._going]
         owners = self._find_owners(points, frame.regions, sizes, moved)
         rows: list[np.ndarray] = [np.zeros(0, int) for _ in moved]
         for region in sorted({region for region in owners if region >= 0}):
@@ -121,15 +108,14 @@ class PeopleFollower:
             for k, part in zip(who, parts, strict=True):
                 rows[k] = own[part]
         new = self._assign_rest(points, frame, sizes, owners, rows)
-        going = []
-        for k, own in enumerate(rows):
-            if len(own) >= DEBRIS:
-                self._going[k].one.voxels[frame.index] = frame.voxels[own]
-                going.append(self._going[k].advance(points[own], self._reach, _NEWEST))
-        for own in new:
-            self.all.append(Trajectory({frame.index: frame.voxels[own]}))
-            going.append(_ActiveTrajectory(self.all[-1], points[own], np.zeros(2)))
-        self._going = going
+        pairs = zip(self._going, rows, strict=True)
+        seen = [(one, own) for one, own in pairs if len(own) >= DEBRIS]
+        for one, own in seen:
+            one.voxels[frame.index] = frame.voxels[own]
+            one.advance(points[own], self._reach)
+        begun = [Trajectory({frame.index: frame.voxels[own]}, points=points[own]) for own in new]
+        self.all += begun
+        self._going = [*(one for one, _ in seen), *begun]
 
     def _assign_rest(
         self,
@@ -347,7 +333,6 @@ def _large_regions(frame: CoarseFrame, grid: VoxelGrid) -> list[np.ndarray]:
 
 def _find_longest_maximum(counts: list[tuple[int, int]]) -> int:
     """Return the middle of the longest run of the greatest count."""
-    best = np.array([k for k, count in enumerate(counts) if count == max(counts)])
-    runs = np.split(best, np.flatnonzero(np.diff(best) > 1) + 1)
-    longest = max(runs, key=len)
-    return int(longest[len(longest) // 2])
+    runs = find_true_runs(np.array([count == max(counts) for count in counts]))
+    longest = max(runs, key=lambda run: run.stop - run.start)
+    return (longest.start + longest.stop) // 2

@@ -28,7 +28,7 @@ from psfs.diagnostics.frontier import (
     join_points,
 )
 from psfs.diagnostics.hulls import HullRays
-from psfs.diagnostics.refinement import Further, RigCorrections, correct_camera, fit_rig, spread_rig
+from psfs.diagnostics.refinement import Further, RigCorrections, correct_camera, fit_rig
 from psfs.diagnostics.small_views import Outline
 from psfs.self_calibration.config import PersonConfig
 from psfs.self_calibration.upright import FEWEST
@@ -44,8 +44,8 @@ _SAME_TURN, _SAME_LAG = 0.14, 4.0
 #: Most passes over a rig, the share of a standard deviation below which it stays, and the multiple
 #: of a step by which another goes on.
 _PASSES, _SETTLED, _FURTHER = 8, 0.1, 5.0
-#: Find points in the cameras' pictures of shifted frames that agree to a number of pixels.
-Find = Callable[[Sequence[Camera], np.ndarray, float], FrontierPoints]
+#: Find the points of `fit_rig` for shifts (V,) of cameras' frames.
+FindShifted = Callable[[np.ndarray, Sequence[Camera], float, np.ndarray], FrontierPoints]
 #: Return `further` of `fit_rig` for shifts (V,) of cameras' frames.
 MeasureShifted = Callable[[np.ndarray], Sequence[Further]]
 
@@ -74,7 +74,7 @@ class PersonPoints:
     ) -> None:  # fmt: skip
         self.config = config
         #: Steps of the cameras; lenses are kept unless only an angle of view is stated.
-        self.spread = spread_rig(turn=0.1, shift=0.3, focal=0.3 * config.focal, time=5.0)
+        self.spread = np.array([*3 * [0.1], *3 * [0.3], 0.3 * config.focal, 5.0])
         self.hulls = [HullRays(c, lines) for c, lines in zip(cameras, outlines, strict=True)]
         self.contours = [SilhouetteContours(lines) for lines in outlines]
         self._waists = [_find_waists(contours) for contours in self.contours]
@@ -110,9 +110,14 @@ class PersonPoints:
         return join_points(pair_points)
 
     def find_all(
-        self, cameras: Sequence[Camera], shifts: np.ndarray, gate: float
+        self,
+        shifts: np.ndarray,
+        cameras: Sequence[Camera],
+        gate: float,
+        _: np.ndarray | None = None,
     ) -> FrontierPoints:
-        """Return the outermost points and the tips of contours that agree to `gate` px."""
+        """Return the outermost points and the tips of contours that agree to `gate` px, in the
+        cameras' pictures of shifted frames: a `Find` of `fit_rig` for these shifts."""
         outermost = self.find_extremes(cameras, shifts)
         residuals, _ = epipolar_residuals(cameras, outermost, np.zeros(len(cameras)))
         fitting = np.abs(residuals) < gate
@@ -173,7 +178,7 @@ def adjust_extremes(
     """Adjust the rig to the outermost planes; None if there are too few."""
     return adjust_rounds(
         rig, lags, points, [_GATE] * rounds,
-        lambda cameras, shifts, gate: points.find_extremes(cameras, shifts, every),
+        lambda shifts, cameras, gate, _: points.find_extremes(cameras, shifts, every),
     )  # fmt: skip
 
 
@@ -201,8 +206,8 @@ def differ(first: Adjusted, second: Adjusted) -> bool:
 
 
 def adjust_rounds(
-    rig: CameraRig, lags: np.ndarray, person: PersonPoints, gates: Sequence[float], find: Find,
-    further: MeasureShifted | None = None,
+    rig: CameraRig, lags: np.ndarray, person: PersonPoints, gates: Sequence[float],
+    find: FindShifted, further: MeasureShifted | None = None,
 ) -> Adjusted | None:  # fmt: skip
     """Adjust the rig to what `find` finds, in a round per gate; None if there are too few points.
 
@@ -211,7 +216,6 @@ def adjust_rounds(
     corrections = None
     for gate in gates:
         shifts = np.round(lags).astype(int)
-        search = partial(_find_shifted, find, shifts)
         more = () if further is None else further(shifts)
         group = None if further is None else partial(person.group, shifts=shifts)
         start = np.zeros((len(rig), 8))
@@ -219,7 +223,9 @@ def adjust_rounds(
         # Cameras without common points have no variances; they are refused later.
         with np.errstate(all="ignore"):
             try:
-                corrections = fit_rig(rig, [gate], search, person.spread, start, more, group)
+                corrections = fit_rig(
+                    rig, [gate], partial(find, shifts), person.spread, start, more, group
+                )
                 if corrections is None:
                     return None
                 rig, lags = corrections.apply(rig), shifts - corrections.offsets
@@ -227,12 +233,6 @@ def adjust_rounds(
                 return None
         lags = lags - lags[0]
     return None if corrections is None else Adjusted(rig, lags, corrections)
-
-
-def _find_shifted(
-    find: Find, shifts: np.ndarray, cameras: Sequence[Camera], gate: float, _: np.ndarray
-) -> FrontierPoints:
-    return find(cameras, shifts, gate)
 
 
 def measure_misfit(adjusted: Adjusted, points: PersonPoints, every: int = 1) -> float:

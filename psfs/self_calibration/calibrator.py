@@ -102,7 +102,7 @@ def calibrate_by_person(
     film, if they cannot be found.
     """
     check_number_of_cameras(len(cameras))
-    take = PersonTake.create(cameras, outlines, edges, rate, config)
+    take = PersonTake(cameras, outlines, edges, rate, config)
     best = _find_rig(take, rate, track)
     return _make_calibration(
         best, take.points, rate, lambda adjusted, touched: align_to_person(adjusted, take, touched)
@@ -221,7 +221,7 @@ def _make_calibration(
     best, misfits = check_fit(best, points)
     turns, moves = measure_uncertainty(best, points, rate)
     check_uncertainty(best, turns, moves, points)
-    touched = points.find_all(best.rig.cameras, best.shifts, LAST_GATE)
+    touched = points.find_all(best.shifts, best.rig.cameras, LAST_GATE)
     rig, levelled = align(best, touched)
     path = measure_path(measure_places(rig, touched)[1])
     return PersonCalibration(

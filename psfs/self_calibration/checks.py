@@ -98,7 +98,7 @@ def measure_uncertainty(
     0.4 to 0.7 of it. rate: frames per second.
     """
     cameras, shifts = adjusted.rig.cameras, adjusted.shifts
-    touched = points.find_all(cameras, shifts, FARTHEST)  # with what is wrong alike
+    touched = points.find_all(shifts, cameras, FARTHEST)  # with what is wrong alike
     residuals, slopes = epipolar_residuals(cameras, touched, shifts - adjusted.lags)
     size, rows = len(cameras) * N_PARAMETERS, np.arange(len(touched))
     by_camera = np.zeros((len(touched), len(cameras), N_PARAMETERS))

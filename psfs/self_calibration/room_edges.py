@@ -11,7 +11,6 @@ who stands there; edges do not depend on the person. Walls need not stand square
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import partial
 
 import cv2
@@ -48,7 +47,7 @@ def find_edges(picture: np.ndarray) -> np.ndarray:
 def fit_vertical(rig: CameraRig, edges: Sequence[np.ndarray], up: np.ndarray) -> np.ndarray | None:
     """Return the direction (3,) near `up` (3,) in which the room's edges [view] (N, 2, 2) px are
     vertical; None if another direction fits nearly as many."""
-    lines = _Lines.create(rig.cameras, edges)
+    lines = _Lines(rig.cameras, edges)
     if len(lines.views) < 2:
         return None
     steps = np.arange(-_AROUND, _AROUND + _STEP, _STEP)
@@ -74,7 +73,7 @@ def find_room_edges(
     vertical = fit_vertical(rig, edges, up)
     if vertical is None:
         return None
-    lines = _Lines.create(rig.cameras, edges)
+    lines = _Lines(rig.cameras, edges)
     axes = np.linalg.svd(vertical[None])[2][1:]
     angles = np.arange(0, np.pi, _STEP)
     tried = np.column_stack([np.cos(angles), np.sin(angles)]) @ axes
@@ -92,19 +91,14 @@ def find_room_edges(
     return RoomEdges(edges, np.array(directions))
 
 
-@dataclass(frozen=True, eq=False)
 class _Lines:
-    """M edges. views: (M,). normals: (M, 3) of their planes, in the cameras' axes. middles: (M, 2)
-    at depth 1. halves: (M,) half of their lengths, px."""
+    """M edges, those [view] (N, 2, 2) px without the lens's distortion.
 
-    views: np.ndarray
-    normals: np.ndarray
-    middles: np.ndarray
-    halves: np.ndarray
+    views: (M,). normals: (M, 3) of their planes, in the cameras' axes. middles: (M, 2) at depth 1.
+    halves: (M,) half of their lengths, px.
+    """
 
-    @classmethod
-    def create(cls, cameras: Sequence[Camera], edges: Sequence[np.ndarray]) -> _Lines:
-        """Return the edges [view] (N, 2, 2) px without the lens's distortion."""
+    def __init__(self, cameras: Sequence[Camera], edges: Sequence[np.ndarray]) -> None:
         ends = [
             camera.normalise(view_edges.reshape(-1, 2)).reshape(-1, 2, 2)
             for camera, view_edges in zip(cameras, edges, strict=True)
@@ -112,13 +106,13 @@ class _Lines:
         views = np.repeat(np.arange(len(ends)), [len(view_edges) for view_edges in ends])
         both = np.concatenate(ends)
         sound = np.isfinite(both).all(axis=(1, 2))  # else beyond what the lens shows
-        views, both = views[sound], both[sound]
-        along, middles = both[:, 1] - both[:, 0], both.mean(axis=1)
+        self.views, both = views[sound], both[sound]
+        along, self.middles = both[:, 1] - both[:, 0], both.mean(axis=1)
         lengths = np.linalg.norm(along, axis=1)
         x, y = (along / lengths[:, None]).T
-        normals = np.stack([-y, x, middles[:, 0] * y - middles[:, 1] * x], -1)
-        focal = np.array([camera.K[0, 0] for camera in cameras])[views]
-        return cls(views, normals, middles, 0.5 * focal * lengths)
+        self.normals = np.stack([-y, x, self.middles[:, 0] * y - self.middles[:, 1] * x], -1)
+        focal = np.array([camera.K[0, 0] for camera in cameras])[self.views]
+        self.halves = 0.5 * focal * lengths
 
     def measure(
         self, cameras: Sequence[Camera], directions: np.ndarray
@@ -165,7 +159,7 @@ class RoomEdges:
     def _measure(self, cameras: Sequence[Camera], parameters: Parameters) -> list[Residuals]:
         """Return the residuals, px, of the edges to the nearest direction. Edges that are parallel
         by chance are less so: the noise is estimated for each direction."""
-        lines = _Lines.create(cameras, self._edges)
+        lines = _Lines(cameras, self._edges)
         residuals, local, scales = lines.measure(cameras, self._move(parameters))
         nearest = np.abs(residuals).argmin(axis=1)
         rows = np.arange(len(residuals))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -28,35 +27,25 @@ TABLE_RATE = 15.0
 _LEAST_MOTION = 0.03
 
 
-@dataclass(frozen=True, eq=False)
 class PersonTake:
-    """Silhouettes of V cameras, and what each tells by itself.
+    """Outlines of V cameras at `rate` per second, and what each camera tells by itself.
 
     cameras: small, with the intrinsics that are kept. points: the silhouettes' tangent points.
     views: of every camera its tilt and height, by every `step`-th frame. edges: (N, 2, 2) px each,
-    the straight edges of the empty room. most: the greatest lag in steps.
+    the straight edges of the empty room. most: the greatest lag in steps. Raises InputError if a
+    camera seldom sees the whole person.
     """
 
-    cameras: Sequence[Camera]
-    points: PersonPoints
-    views: Sequence[UprightView]
-    edges: Sequence[np.ndarray]
-    step: int
-    most: int
-
-    @classmethod
-    def create(
-        cls, cameras: Sequence[Camera], outlines: Outlines, edges: Sequence[np.ndarray],
+    def __init__(
+        self, cameras: Sequence[Camera], outlines: Outlines, edges: Sequence[np.ndarray],
         rate: float, config: PersonConfig,
-    ) -> PersonTake:  # fmt: skip
-        """Measure what each camera tells from outlines at `rate` per second. Raises InputError if
-        one seldom sees the whole person."""
+    ) -> None:  # fmt: skip
         check_seen(cameras, outlines)
-        step = max(1, round(rate / TABLE_RATE))
-        points = PersonPoints(cameras, outlines, config)
-        rows = [view_outlines[::step] for view_outlines in outlines]
-        most = int(np.ceil(config.longest_lag * rate / step))
-        return cls(cameras, points, _fit_views(cameras, rows), edges, step, most)
+        self.cameras, self.edges = cameras, edges
+        self.points = PersonPoints(cameras, outlines, config)
+        self.step = max(1, round(rate / TABLE_RATE))
+        self.views = _fit_views(cameras, [of_view[:: self.step] for of_view in outlines])
+        self.most = int(np.ceil(config.longest_lag * rate / self.step))
 
     def find_up(self, rig: CameraRig) -> np.ndarray:
         """Return the mean of what the cameras of a rig tell of up (3,)."""

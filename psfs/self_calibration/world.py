@@ -8,7 +8,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 
-from psfs.calibration.scene import CalibrationScene, rigid_transform, turn_to_up
+from psfs.calibration.scene import rigid_transform, transform_cameras, turn_to_up
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.triangulation import intersect_rays
 from psfs.cameras.units import scale_rig
@@ -76,7 +76,7 @@ def level_rig(
 
 def transform_rig(rig: CameraRig, R: np.ndarray, shift: np.ndarray) -> CameraRig:
     """Return the rig in another world, x' = R x + shift."""
-    return CameraRig(CalibrationScene(rig.cameras, {}).transform(rigid_transform(R, shift)).cameras)
+    return CameraRig(transform_cameras(rig, rigid_transform(R, shift)))
 
 
 def _place(

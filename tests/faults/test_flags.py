@@ -240,7 +240,7 @@ def test_what_is_left_is_reported(
     stock: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
-    monkeypatch.setattr("psfs.cli.info.sequence_info", lambda sequence: {}["a fault of ours"])
+    monkeypatch.setattr("psfs.cli.info.SequenceInfo", lambda sequence: {}["a fault of ours"])
     outcome = run("psfs", "info", str(stock / "walk"), "--no-pictures")
     assert outcome.code == 70 and outcome.err.count("\n") == 1
     assert "please report" in outcome.err

@@ -23,7 +23,7 @@ from psfs.background.gaussian import (
     median_moments,
 )
 from psfs.common.pictures import read_picture
-from psfs.diagnostics.sequence_info import sequence_info
+from psfs.diagnostics.sequence_info import SequenceInfo
 from psfs.footage.media import open_media
 from psfs.footage.memory import store
 from psfs.footage.threads import prefetch
@@ -193,7 +193,7 @@ def test_unequal_counts_use_the_shortest(tmp_path: Path) -> None:
     footage.write_video(tmp_path / "videos/cam02.mp4", [50] * 9)
     sequence = Sequence.open(tmp_path)
     assert len(sequence) == len(list(sequence)) == 9
-    (warning,) = sequence_info(sequence).warnings
+    (warning,) = SequenceInfo(sequence).warnings
     assert warning.startswith("unequal numbers of images: cam01 12, cam02 9, cam03 12; the first 9")
 
 
@@ -363,7 +363,7 @@ def test_prefetch_is_bounded() -> None:
 def test_real_folders(name: str, frames: int, views: int, fps: int, kind: str, size) -> None:
     sequence = Sequence.open(shared_data(name))
     assert (len(sequence), len(sequence.rig), sequence.fps) == (frames, views, fps)
-    assert sequence.background_kind == kind and sequence_info(sequence).warnings == []
+    assert sequence.background_kind == kind and SequenceInfo(sequence).warnings == []
     frame = sequence.read(frames - 1)
     if frame.images is not None:
         assert frame.images.shape == (views, *size, 3)

@@ -11,10 +11,10 @@ from helpers import footage
 
 from cl import InputError
 from psfs.footage.camera_times import (
+    CameraTimes,
     MeasuredOffset,
     combine_offsets,
     compare_signals,
-    estimate_times,
 )
 from psfs.footage.layouts.uncalibrated import LAYOUT, read_uncalibrated
 from psfs.footage.settings import SequenceSettings
@@ -120,7 +120,7 @@ def signals(offsets: list[float], noise: float, seed: int = 0) -> list[np.ndarra
 def estimate(shown: list[np.ndarray]):
     pairs = combinations(range(len(shown)), 2)
     costs = {(a, b): compare_signals(shown[a], shown[b], 2 * MOST, 10.0) for a, b in pairs}
-    return estimate_times(len(shown), costs)
+    return CameraTimes(len(shown), costs)
 
 
 @pytest.mark.parametrize("offsets", [[0, 0, 7, 0], [0, -12, 0, 3.4, 0.3]])

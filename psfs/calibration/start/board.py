@@ -11,11 +11,10 @@ import numpy as np
 from psfs.calibration.scene import (
     GOOD,
     CalibrationScene,
-    place_camera,
     rigid_transform,
     transform_points,
 )
-from psfs.calibration.start.placing import chain_poses
+from psfs.calibration.start.placing import place_along
 from psfs.calibration.targets.target import Sighting, Target, group_by_frame
 from psfs.cameras.camera import Camera
 from psfs.common.numbers import pick_evenly
@@ -54,15 +53,14 @@ def place_cameras_by_board(
     sightings = [s for s in sightings if (s.frame, s.view) in poses]
     seen = {(s.frame, s.view): s for s in sightings}
     relative = {pair: _estimate_relative_pose(pair, cameras, target, seen, poses) for pair in pairs}
-    camera_poses = chain_poses(relative)
-    rig = tuple(place_camera(camera, camera_poses[view]) for view, camera in enumerate(cameras))
+    rig, camera_poses = place_along(cameras, relative)
     board_poses: dict[int, np.ndarray] = {}
     ordered: list[Sighting] = []
     for frame, here in group_by_frame(sightings).items():
         proposed = [np.linalg.inv(camera_poses[s.view]) @ poses[frame, s.view] for s in here]
         board_poses[frame], fitting = choose_best_pose(rig, target, here, proposed)
         ordered += fitting
-    return CalibrationScene(rig, board_poses), ordered
+    return CalibrationScene(rig, target, board_poses), ordered
 
 
 def choose_best_pose(

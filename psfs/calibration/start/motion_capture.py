@@ -88,7 +88,7 @@ def place_cameras_by_markers(
     ordered = []
     for sighting in sightings:
         ordered += choose_best_pose(rig, target, [sighting], [np.eye(4)])[1]
-    return CalibrationScene(tuple(rig), poses), ordered
+    return CalibrationScene(tuple(rig), target, poses), ordered
 
 
 def _place_by_markers(

@@ -11,6 +11,7 @@ import numpy as np
 import scipy
 
 from cl import InputError
+from psfs.calibration.scene import place_camera
 from psfs.calibration.targets.target import Sighting, Target, group_by_frame
 from psfs.cameras.camera import Camera
 from psfs.common.numbers import pick_evenly
@@ -145,12 +146,14 @@ def find_spanning_pairs(counts: np.ndarray, fewest: int) -> list[Pair]:
     return [(int(before[view]), int(view)) for view in order[1:]]
 
 
-def chain_poses(relative: Mapping[Pair, np.ndarray]) -> dict[int, np.ndarray]:
-    """Return the poses (4, 4) of all cameras in the frame of the first one.
+def place_along(
+    cameras: Sequence[Camera], relative: Mapping[Pair, np.ndarray]
+) -> tuple[tuple[Camera, ...], dict[int, np.ndarray]]:
+    """Return all cameras in the frame of the first one, and their poses (4, 4).
 
     relative: transform from the known camera of a pair to the new one, pair after pair.
     """
     poses = {next(iter(relative))[0]: np.eye(4)}
     for (known, new), transform in relative.items():
         poses[new] = transform @ poses[known]
-    return poses
+    return tuple(place_camera(camera, poses[v]) for v, camera in enumerate(cameras)), poses

@@ -10,9 +10,9 @@ import cv2
 import numpy as np
 
 from cl import InputError
-from psfs.calibration.scene import BAD, CalibrationScene, place_camera, rigid_transform
+from psfs.calibration.scene import BAD, CalibrationScene, rigid_transform
 from psfs.calibration.start.board import choose_best_pose
-from psfs.calibration.start.placing import FOCALS, chain_poses, with_focal_length
+from psfs.calibration.start.placing import FOCALS, place_along, with_focal_length
 from psfs.calibration.targets.target import EQUAL, Sighting, Target, group_by_frame
 from psfs.cameras.camera import Camera
 from psfs.cameras.triangulation import intersect_rays
@@ -31,7 +31,6 @@ def place_cameras_by_wand(
     target: Target,
     sightings: Sequence[Sighting],
     pairs: Sequence[tuple[int, int]],
-    names: Sequence[str],
 ) -> tuple[CalibrationScene, list[Sighting]]:
     """Place the cameras along the `pairs` and estimate the wand's poses.
 
@@ -43,12 +42,12 @@ def place_cameras_by_wand(
         pose = _estimate_relative_pose(cameras, target, sightings, (a, b))
         if pose is None:
             raise InputError(
-                f"the markers that {names[a]} and {names[b]} see do not belong together; expected "
-                f"a {target.name}, the only bright spots that move, and cameras that run together"
+                f"the markers that {cameras[a].name} and {cameras[b].name} see do not belong "
+                f"together; expected a {target.name}, the only bright spots that move, and cameras "
+                "that run together"
             )
         relative[a, b] = pose[0]
-    camera_poses = chain_poses(relative)
-    rig = tuple(place_camera(camera, camera_poses[view]) for view, camera in enumerate(cameras))
+    rig, _ = place_along(cameras, relative)
     poses: dict[int, np.ndarray] = {}
     ordered: list[Sighting] = []
     for frame, here in group_by_frame(sightings).items():
@@ -57,7 +56,7 @@ def place_cameras_by_wand(
                 rig, target, here, _propose_poses(rig, target, here)
             )
             ordered += fitting
-    return CalibrationScene(rig, poses), ordered
+    return CalibrationScene(rig, target, poses), ordered
 
 
 def estimate_focal_lengths(

@@ -134,11 +134,12 @@ class CharucoFinder:
         check_number("marker (m)", marker, 0.0005, 0.999 * square)
         names = DICTIONARIES if dictionary == "auto" else (dictionary,)
         self.squares, self._names = squares, names
+        needed = first + squares[0] * squares[1] // 2
         # Old and new boards differ if the number of rows is even.
         self._boards = [
             _make_charuco(squares, (square, marker), name, old, first)
             for name in names
-            if first == 0 or _has_markers(name, first + squares[0] * squares[1] // 2)
+            if first == 0 or len(choose_dictionary(name, needed).bytesList) >= needed
             for old in ((False, True) if squares[1] % 2 == 0 else (False,))
         ]
         if not self._boards:
@@ -188,10 +189,6 @@ class CharucoFinder:
             if ids is not None and len(ids) > 3 and (best is None or len(ids) > best[0]):
                 best = len(ids), f"{len(ids)} {name} markers with numbers up to {ids.max()}"
         return best[1] if best else None
-
-
-def _has_markers(name: str, markers: int) -> bool:
-    return len(choose_dictionary(name, markers).bytesList) >= markers
 
 
 def _make_charuco(

@@ -8,26 +8,21 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from itertools import chain
 from pathlib import Path
-from typing import Protocol
+from typing import TypeAlias
 
 import numpy as np
 
 from cl import InputError
-from psfs.calibration.targets.boards import Found, to_grey
-from psfs.calibration.targets.target import Sighting, Target
+from psfs.calibration.targets.boards import CharucoFinder, ChessboardFinder, to_grey
+from psfs.calibration.targets.markers import MarkerFinder
+from psfs.calibration.targets.target import Sighting
 from psfs.common.numbers import pick_evenly
 from psfs.footage.layouts.uncalibrated import LAYOUT, read_uncalibrated
 from psfs.footage.settings import SequenceSettings
 from psfs.sequence import Sequence as Views
 
-
-class Finder(Protocol):
-    """A detector of a target in a picture (h, w, 3) uint8 BGR; returns ids (N,) and pixels (N,
-    2)."""
-
-    target: Target
-
-    def __call__(self, view: int, picture: np.ndarray) -> Found | None: ...
+#: A detector of a target in the pictures of a take.
+Finder: TypeAlias = ChessboardFinder | CharucoFinder | MarkerFinder
 
 
 def open_uncalibrated(folder: Path, stated: SequenceSettings, silhouettes: bool = False) -> Views:

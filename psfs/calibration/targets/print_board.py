@@ -22,8 +22,8 @@ _RIM, _BELOW = 10.0, 12.0
 _RULER = 100.0
 #: Shortest side of a marker, mm: printers draw no finer ones.
 _LEAST = 1.0
-#: Longest side of a page that is written, mm.
-_LONGEST = 5000.0
+#: Longest side of a page that is written, mm; corners of a square.
+_LONGEST, _SQUARE = 5000.0, np.array([(0, 0), (1, 0), (1, 1), (0, 1), (0, 0)])
 
 
 def write_board_pdf(
@@ -66,21 +66,15 @@ def write_board_pdf(
             axes.set_ylim(height - _RIM, -_RIM)  # millimetres, down, from the board's corner
             axes.axis("off")
             black = list_black_squares(squares, side, inner, markers, number * count)
-            axes.add_patch(PathPatch(_merge_squares(black), facecolor="black", linewidth=0))
+            outlines = [Path2D((x, y) + width * _SQUARE, closed=True) for x, y, width in black]
+            whole = Path2D.make_compound_path(*outlines)  # several would leave bright seams
+            axes.add_patch(PathPatch(whole, facecolor="black", linewidth=0))
             bottom = rows * side + _RIM
             heading = f"board {number + 1} of {boards}      " if boards > 1 else ""
             axes.text(0, bottom, heading + text, fontsize=6, va="center")
             axes.plot([0, ruler], [bottom + 5] * 2, color="black", linewidth=0.8)
             pages.savefig(figure)
     return width, height
-
-
-def _merge_squares(black: np.ndarray) -> Path2D:
-    """Return one path around squares (N, 3): left, top, side. Side by side paths would leave bright
-    seams."""
-    corners = np.array([(0, 0), (1, 0), (1, 1), (0, 1), (0, 0)])
-    outlines = [Path2D((left, top) + across * corners, closed=True) for left, top, across in black]
-    return Path2D.make_compound_path(*outlines)
 
 
 def list_black_squares(

@@ -63,8 +63,10 @@ def group_by_frame(sightings: Sequence[Sighting]) -> dict[int, list[Sighting]]:
     return groups
 
 
-def select_shared(sightings: Sequence[Sighting], least: int) -> list[Sighting]:
-    """Return the sightings in frames with at least `least` of them."""
+def select_shared(sightings: Sequence[Sighting], target: Target) -> list[Sighting]:
+    """Return the sightings in frames with as many of them as tell the target's pose: two of a wand
+    whose markers were not measured, else one."""
+    least = 1 if target.planar or target.known is not None else 2
     by_frame = group_by_frame(sightings)
     return [s for s in sightings if len(by_frame[s.frame]) >= least]
 

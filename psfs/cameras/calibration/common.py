@@ -25,9 +25,9 @@ MIRROR = np.diag([-1.0, 1.0, 1.0])
 LEFT_HANDED = "the calibration's world is left-handed: its X axis is negated"
 
 Size = tuple[int, int]
-#: Picture sizes (width, height) for files that lack them: one for all cameras, one per camera name,
-#: or a function from all names to their sizes.
-Sizes = Size | Mapping[str, Size] | Callable[[Sequence[str]], Sequence[Size]] | None
+#: Picture sizes (width, height) for files that lack them: one for all cameras, or a function from
+#: all names to their sizes.
+Sizes = Size | Callable[[Sequence[str]], Sequence[Size]] | None
 
 #: Half a turn about x: from a camera's axes with y up and z backward to OpenCV's, and back.
 TO_OPENCV = np.diag([1.0, -1.0, -1.0])
@@ -152,11 +152,6 @@ def find_sizes(names: Sequence[str], sizes: Sizes) -> list[Size]:
     """Return the size of each named camera. Raises InputError for a camera without a size."""
     if callable(sizes):
         return list(sizes(names))
-    if isinstance(sizes, Mapping):
-        missing = [name for name in names if name not in sizes]
-        if missing:
-            raise InputError(f"no picture size is known for camera {', '.join(missing)}")
-        return [sizes[name] for name in names]
     if sizes is None:
         raise InputError("the file holds no picture sizes; pass sizes=(width, height)")
     return [sizes] * len(names)

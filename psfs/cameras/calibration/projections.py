@@ -132,7 +132,8 @@ def read_matlab(path: Path, unit: Unit | None, sizes: Sizes) -> Calibration:
     """
     with name_file_in_errors(path):
         variables = read_variables(path)
-        names = _read_names(variables)
+        cells = np.asarray(variables.get("names", [])).ravel()
+        names = [str(np.asarray(cell).ravel()[0]) for cell in cells]
         parts = [
             _find_stack(variables, keys, (3, width)) for keys, width in ((_K, 3), (_R, 3), (_T, 1))
         ]
@@ -212,8 +213,3 @@ def _find_projections(stored: dict[str, object]) -> np.ndarray:
     if len(best) > 1:
         raise InputError(f"several sets of matrices ({join_names(best)}); expected one")
     return np.stack(fitting[best[0]])
-
-
-def _read_names(stored: dict[str, object]) -> list[str]:
-    cells = np.asarray(stored.get("names", [])).ravel()
-    return [str(np.asarray(cell).ravel()[0]) for cell in cells]

@@ -13,7 +13,8 @@ from psfs.cameras.calibration.common import Calibration, Size
 from psfs.cameras.camera import CameraRig
 from psfs.cameras.names import match_files_to_cameras
 from psfs.cameras.units import Unit
-from psfs.footage.media import Media, open_all_media, read_picture_size
+from psfs.common.progress import map_in_threads
+from psfs.footage.media import Media, open_media, read_picture_size
 from psfs.footage.settings import SequenceSettings
 
 #: What a picture's size with its sides exchanged means.
@@ -97,7 +98,7 @@ def assign_pictures(
     rig = choose_cameras(calibrated, settings)
     wanted = rig.names if subset else None
     pairs, note = match_files_to_cameras(calibrated.names, list(found), str(where), wanted)
-    media = open_all_media({name: found[pairs[name]] for name in rig.names})
+    media = tuple(map_in_threads(lambda name: open_media(name, found[pairs[name]]), rig.names))
     for camera, item in zip(rig, media, strict=True):
         if item.size != camera.size:
             turned = item.size == camera.size[::-1]

@@ -18,42 +18,17 @@ _RIGID = 0.04
 
 
 @dataclass(frozen=True, eq=False)
-class Segments:
-    """Segments between the K points of a frame, whose lengths stay the same in all frames.
-
-    pairs: (S, 2) int, the points at both ends. n_points: K.
-    """
-
-    pairs: np.ndarray
-    n_points: int
-
-    def measure(self, points: np.ndarray) -> Residuals:
-        """Return by how much lengths between points (F K, 3) differ from their median, as shares
-        of it."""
-        first = np.arange(0, len(points), self.n_points)[:, None]
-        ends = [(first + self.pairs[:, side]) for side in range(2)]
-        apart = points[ends[0]] - points[ends[1]]
-        lengths = np.linalg.norm(apart, axis=-1)
-        known = np.isfinite(lengths)
-        never = ~known.any(axis=0)
-        usual = np.nanmedian(np.where(never, 1.0, lengths), axis=0)
-        along = (apart / (lengths * usual)[..., None]).reshape(-1, 1, 3)
-        slopes = [Slope("points", ends[0].ravel(), along), Slope("points", ends[1].ravel(), -along)]
-        return Residuals((lengths / usual - 1).ravel(), slopes, sigma=_RIGID)
-
-
-@dataclass(frozen=True, eq=False)
 class PointObservations:
     """Points in the pictures of V cameras without distortion and with square pixels.
 
     pixels: (V, P, 2) px from the principal point; NaN where a point is not seen. speeds: (V, P, 2)
-    px per frame. points (P,) are one keypoint at one time each, frame by frame. segments: between
-    points of a frame.
+    px per frame. points (P,) are one keypoint at one time each, frame by frame. segments: (F, S, 2)
+    int, the points at both ends of what stays as long in F frames.
     """
 
     pixels: np.ndarray
     speeds: np.ndarray
-    segments: Segments | None = None
+    segments: np.ndarray
 
     @property
     def seen(self) -> np.ndarray:
@@ -106,8 +81,8 @@ def adjust_points(
         errors, by_camera, by_point = measure_points(cameras, views, points[items], moved, speeds)
         slopes = [Slope("cameras", views, by_camera), Slope("points", items, by_point)]
         solution = [Residuals(errors, slopes, least=noise), prior("cameras", changes, spread)]
-        if observations.segments is not None:
-            solution.append(observations.segments.measure(points))
+        if observations.segments.size:
+            solution.append(_measure_lengths(points, observations.segments))
         return solution
 
     start = {"cameras": np.zeros(sigmas.shape), "points": scene.points}
@@ -115,3 +90,16 @@ def adjust_points(
     solution = solve(evaluate, start, steps=_STEPS, eliminate=["points"], free=free).parameters
     cameras = correct_cameras(scene.cameras, solution["cameras"])
     return PointScene(cameras, scene.lags - solution["cameras"][:, 7], solution["points"])
+
+
+def _measure_lengths(points: np.ndarray, segments: np.ndarray) -> Residuals:
+    """Return by how much lengths of segments (F, S, 2) between points (P, 3) differ from their
+    median, as shares of it."""
+    first, second = np.moveaxis(segments, -1, 0)
+    apart = points[first] - points[second]
+    lengths = np.linalg.norm(apart, axis=-1)
+    never = ~np.isfinite(lengths).any(axis=0)
+    usual = np.nanmedian(np.where(never, 1.0, lengths), axis=0)
+    along = (apart / (lengths * usual)[..., None]).reshape(-1, 1, 3)
+    slopes = [Slope("points", first.ravel(), along), Slope("points", second.ravel(), -along)]
+    return Residuals((lengths / usual - 1).ravel(), slopes, sigma=_RIGID)

@@ -22,7 +22,6 @@ from psfs.self_calibration.config import PersonConfig
 from psfs.self_calibration.points.bundle import (
     PointObservations,
     PointScene,
-    Segments,
     adjust_points,
     measure_errors,
 )
@@ -82,14 +81,10 @@ def calibrate_by_points(
     if longest_lag:
         lags = estimate_lags(seen, longest_lag, noise)
     frames = _choose_frames(seen, lags)
-    rigid = None
-    if segments:
-        rigid = Segments(np.array(segments), keypoints.shape[2])
-    observations = replace(_observe(seen, lags, frames), segments=rigid)
-    scene = place_cameras(plain, observations, noise)
+    scene = place_cameras(plain, _observe(seen, lags, frames, segments), noise)
     if scene is None:
         raise InputError(f"no arrangement of the cameras fits the keypoints; {FILM}")
-    scene, lags = _adjust(scene, observations, seen, lags, frames, noise, config.focal)
+    scene, lags = _adjust(scene, seen, lags, frames, segments, noise, config.focal)
     return _finish(cameras, scene, seen, lags, frames, config)
 
 
@@ -120,13 +115,18 @@ def _choose_frames(seen: np.ndarray, lags: np.ndarray) -> np.ndarray:
     return np.asarray(common[pick_evenly(len(common), _MOST_FRAMES)], int)
 
 
-def _observe(seen: np.ndarray, lags: np.ndarray, frames: np.ndarray) -> PointObservations:
-    """Return the pixels and speeds of all keypoints at the first camera's `frames`."""
+def _observe(
+    seen: np.ndarray, lags: np.ndarray, frames: np.ndarray, pairs: Sequence[tuple[int, int]] = ()
+) -> PointObservations:
+    """Return the pixels and speeds of all keypoints at the first camera's `frames`; pairs: of
+    keypoints, segments between which stay as long."""
     pixels, speeds = [], []
     for view_points, lag in zip(seen, lags, strict=True):
         pixels.append(shift_points(view_points, int(lag))[frames].reshape(-1, 2))
         speeds.append(_measure_speeds(view_points, int(lag))[frames].reshape(-1, 2))
-    return PointObservations(np.stack(pixels), np.stack(speeds))
+    first = seen.shape[2] * np.arange(len(frames))[:, None, None]
+    segments = first + np.reshape(pairs, (-1, 2)).astype(int)
+    return PointObservations(np.stack(pixels), np.stack(speeds), segments)
 
 
 def _measure_speeds(points: np.ndarray, lag: int) -> np.ndarray:
@@ -143,15 +143,15 @@ def _measure_speeds(points: np.ndarray, lag: int) -> np.ndarray:
 
 
 def _adjust(
-    scene: PointScene, observed: PointObservations, seen: np.ndarray, lags: np.ndarray,
-    frames: np.ndarray, noise: float, focal: float,
+    scene: PointScene, seen: np.ndarray, lags: np.ndarray, frames: np.ndarray,
+    segments: Sequence[tuple[int, int]], noise: float, focal: float,
 ) -> tuple[PointScene, np.ndarray]:  # fmt: skip
     """Return the adjusted scene, and the lags (V,), whole frames, to which its own are added."""
     sigmas = pose_sigmas(len(scene.cameras))
     sigmas[:, 6] = focal
     sigmas[1:, 7] = 1.0
     for _ in range(_ROUNDS):
-        observations = replace(_observe(seen, lags, frames), segments=observed.segments)
+        observations = _observe(seen, lags, frames, segments)
         points = triangulate_rays(scene.cameras, observations.pixels)
         scene = replace(scene, points=points)
         for width in (2, 1):  # narrow weights would take what moves for wrong

@@ -18,7 +18,7 @@ from psfs.cameras.camera import Camera
 from psfs.cameras.triangulation import triangulate_rays
 from psfs.common.numbers import pick_evenly
 from psfs.diagnostics.refinement import N_PARAMETERS
-from psfs.footage.camera_times import LEAST_OVERLAP, estimate_times, shift_points, sum_costs
+from psfs.footage.camera_times import LEAST_OVERLAP, CameraTimes, shift_points, sum_costs
 from psfs.self_calibration.points.bundle import (
     PointObservations,
     PointScene,
@@ -196,7 +196,7 @@ def estimate_lags(seen: np.ndarray, most: int, noise: float) -> np.ndarray:
     """
     pairs = combinations(range(len(seen)), 2)
     costs = {(a, b): _compare_lags(seen[a], seen[b], most, noise) for a, b in pairs}
-    whole = np.array(estimate_times(len(seen), costs).whole)
+    whole = np.array(CameraTimes(len(seen), costs).whole)
     return whole - whole[0]
 
 

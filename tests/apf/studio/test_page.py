@@ -89,7 +89,7 @@ def test_keys_and_buttons_move_the_time_line(tmp_path: Path, page: Page) -> None
     commands["end"]()
     assert line.position == 4
     commands["pagedown"]()
-    assert line.speed.value == "0.5"
+    assert line.speeds.value == "0.5"
     commands["space"]()
     assert line.playing and line.button.label == "pause"
     commands["home"]()

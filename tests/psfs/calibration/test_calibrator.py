@@ -50,7 +50,7 @@ def test_cameras_and_lenses_are_found(target: Target, frames: int) -> None:
     result = calibration_of(target, sightings, known=False)
     away, scale = made.differences(list(result.scene.cameras), CAMERAS)
     assert away.max() < 5 and abs(scale) < 0.002
-    assert rms(reprojection_errors(result.scene, target, result.sightings)) < 0.5
+    assert rms(reprojection_errors(result.scene, result.sightings)) < 0.5
     assert not result.disagreeing and not result.misfits
     found = [camera.K[0, 0] for camera in result.scene.cameras]
     np.testing.assert_allclose(found, [camera.K[0, 0] for camera in CAMERAS], rtol=0.01)
@@ -141,31 +141,32 @@ def test_too_few_common_views_and_groups_are_refused() -> None:
 def test_floors_must_be_flat_and_broad() -> None:
     scene = CalibrationScene(
         tuple(CAMERAS),
+        WAND,
         {0: made.flat(0.2), 1: made.flat(1.4, 0.3), 2: made.anyhow(np.random.default_rng(0))},
     )
-    world = align_to_floor(scene, WAND, [0, 1], height=0.02)
+    world = align_to_floor(scene, [0, 1], height=0.02)
     turned = scene.transform(world)
-    np.testing.assert_allclose(turned.points(WAND, 1)[:, 2], 0.02, atol=1e-9)
-    np.testing.assert_allclose(turned.points(WAND, 0)[0], [0, 0, 0.02], atol=1e-9)
+    np.testing.assert_allclose(turned.points(1)[:, 2], 0.02, atol=1e-9)
+    np.testing.assert_allclose(turned.points(0)[0], [0, 0, 0.02], atol=1e-9)
     assert min(camera.centre[2] for camera in turned.cameras) > 1
     with pytest.raises(InputError, match="along one line"):
-        align_to_floor(scene, WAND, [0], 0)
+        align_to_floor(scene, [0], 0)
     with pytest.raises(InputError, match="mm off a plane"):
-        align_to_floor(scene, WAND, [0, 1, 2], 0)
+        align_to_floor(scene, [0, 1, 2], 0)
     with pytest.raises(InputError, match="not seen"):
-        align_to_floor(scene, WAND, [9], 0)
+        align_to_floor(scene, [9], 0)
 
 
 def test_up_is_towards_cameras_that_look_down() -> None:
     """Four under the ceiling, turned about by quarters, in axes of the first one."""
-    scene = CalibrationScene((), dict(enumerate(poses(WAND, 5))))
+    scene = CalibrationScene((), WAND, dict(enumerate(poses(WAND, 5))))
     cameras = []
     for k, (x, y) in enumerate([(1, 1), (-1, 1), (-1, -1), (1, -1)]):
         R = made.flat(k * np.pi / 2)[:3, :3]
         cameras.append(replace(CAMERAS[k], R=R, t=-R @ np.array([x, y, 3.0])))
     first = made.rigid(cameras[0].R, cameras[0].t)
     seen = replace(scene, cameras=tuple(cameras)).transform(first)
-    turned = seen.transform(align_to_cameras(seen, WAND))
+    turned = seen.transform(align_to_cameras(seen))
     for camera in turned.cameras:
         np.testing.assert_allclose(camera.R[2], [0, 0, -1], atol=0.2)
-    assert min(turned.points(WAND, k)[:, 2].min() for k in range(5)) == pytest.approx(0, abs=1e-9)
+    assert min(turned.points(k)[:, 2].min() for k in range(5)) == pytest.approx(0, abs=1e-9)

@@ -72,7 +72,7 @@ def test_humaneva(tmp_path: Path) -> None:
     for camera in rig:
         (tmp_path / f"{camera.name}.cal").write_text(humaneva(camera))
     same(read_calibration(tmp_path, sizes=SIZE), rig)
-    same(read_humaneva([tmp_path / "cam02.cal"], None, {"cam02": SIZE}), rig.subset(["cam02"]))
+    same(read_humaneva([tmp_path / "cam02.cal"], None, SIZE), rig.subset(["cam02"]))
     with pytest.raises(InputError, match="no picture sizes"):
         read_calibration(tmp_path)
 

@@ -20,7 +20,7 @@ def registered(monkeypatch: pytest.MonkeyPatch) -> Callable[..., Registry[TermSp
 
     def make(**values: str) -> Registry[TermSpec]:
         points = [EntryPoint(name, value, GROUP) for name, value in values.items()]
-        monkeypatch.setattr(registry, "list_points", lambda group: points)
+        monkeypatch.setattr(registry, "entry_points", lambda group: points)
         return Registry(TermSpec, GROUP, tuple(TERMS[name] for name in OWN))
 
     return make

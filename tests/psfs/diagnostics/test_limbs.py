@@ -53,7 +53,7 @@ def outline(camera, time, radius, wider):
 @cache
 def medial_axes(radius=0.06, wider=0.0):
     return [
-        MedialAxes.create(
+        MedialAxes(
             camera,
             SilhouetteContours([outline(camera, t - lag, radius, wider) for t in range(FRAMES)]),
         )

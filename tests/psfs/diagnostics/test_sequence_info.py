@@ -11,18 +11,16 @@ from helpers.commands import fail, succeed
 from psfs.cameras.camera import CameraRig
 from psfs.cameras.rig_geometry import find_seen_box
 from psfs.cameras.units import rotate_rig, rotation_to_z_up, scale_rig
-from psfs.diagnostics.sequence_info import rig_warnings, sequence_info
+from psfs.diagnostics.sequence_info import SequenceInfo, rig_warnings
 from psfs.sequence import Sequence
 
 
 def test_facts(tmp_path: Path) -> None:
     sequence = Sequence.open(footage.native(tmp_path, views=4))
-    info = sequence_info(sequence)
+    info = SequenceInfo(sequence)
     np.testing.assert_allclose(info.centre, [0, 0, 0.9], atol=0.05)
     assert info.extent == pytest.approx(6, abs=1e-6)
-    assert [camera.frames for camera in info.cameras] == [12] * 4
-    assert info.cameras[0].distance == pytest.approx(np.hypot(3, 0.6), abs=0.05)
-    assert info.cameras[0].height == pytest.approx(1.5)
+    assert info.distances == pytest.approx([np.hypot(3, 0.6)] * 4, abs=0.05)
     assert info.warnings == [] and sequence.notes == []
     low, high = info.shared
     assert (low < [-0.3, -0.3, 0.7]).all() and (high > [0.3, 0.3, 1.1]).all()
@@ -63,7 +61,7 @@ def test_two_cameras_that_look_apart() -> None:
 )
 def test_keypoints_are_noticed_and_not_read(tmp_path: Path, name: str) -> None:
     folder = footage.native(tmp_path / "walk")
-    assert sequence_info(Sequence.open(folder)).keypoints is None
+    assert SequenceInfo(Sequence.open(folder)).keypoints is None
     (folder / name).parent.mkdir(parents=True, exist_ok=True)
     (folder / name).write_text("nothing that could be read")
     said = succeed("psfs", "info", folder, "--no-pictures").out

@@ -13,7 +13,6 @@ from psfs.self_calibration.config import PersonConfig
 from psfs.self_calibration.points.bundle import (
     PointObservations,
     PointScene,
-    Segments,
     adjust_points,
     measure_errors,
 )
@@ -99,8 +98,9 @@ def test_the_steps_use_the_errors_derivatives(rigid):
     sigmas = pose_sigmas(4)
     sigmas[1:, 6:] = 0.05, 1.0
     lags = np.array([0, 0.3, -0.2, 0.1])
-    pairs = Segments(np.array([[0, 1], [1, 2], [4, 7]]), 12) if rigid else None
-    observations = PointObservations(pixels - lags[:, None, None] * speeds, speeds, pairs)
+    ends = 12 * np.arange(5)[:, None, None] + [[0, 1], [1, 2], [4, 7]]
+    segments = ends if rigid else np.zeros((5, 0, 2), int)
+    observations = PointObservations(pixels - lags[:, None, None] * speeds, speeds, segments)
     wrong = [replace(c, K=c.K * (1 + 0.01 * np.diag([1, 1, 0]))) for c in plain[1:]]
     start = PointScene((plain[0], *wrong), np.zeros(4), points + rng.normal(0, 0.01, (60, 3)))
     found = adjust_points(start, observations, sigmas, 1e-3)
