@@ -25,7 +25,7 @@ from psfs.footage.settings import SequenceSettings
 from psfs.page.nodes import CameraNodes, add_floor, box_around
 from psfs.page.pictures import PictureReader, mosaic, small_pictures
 from psfs.page.server import look
-from psfs.page.timeline import TimeLine, add_key
+from psfs.page.timeline import TimeLine, add_button, add_key
 from psfs.page.words import classify, make_lines, make_text
 from psfs.request import CALIBRATION, MOST_TARGET_FRAMES, CalibrateRequest, frame_range
 from psfs.sequence import Frame
@@ -76,26 +76,23 @@ class CalibrateView:
             self.cameras: Any = gui.add_dropdown(
                 "calibration", (_NONE, *self._known), initial_value=_NONE
             )
-            self.use_button = gui.add_button("use these cameras", disabled=True)
+            self.use_button = add_button(gui, "use these cameras", self.use, disabled=True)
         self.line = WorkLine(gui, self.slot)
         self.words: Any = gui.add_html("")
         with gui.add_folder("calibrate the cameras") as calibrate:
             self.target = TargetFields(gui, self._known, PERSON)
-            self.search_button = gui.add_button("look for the target", hint="key: F")
+            self.search_button = add_button(gui, "look for the target", self.search, hint="key: F")
             self.floor = gui.add_text(
                 "on the floor", "", hint="frame in which it lies there: Z = 0"
             )
-            self.floor_button = gui.add_button("the target lies on the floor in this frame")
-            self.calibrate_button = gui.add_button("calibrate")
+            self.floor_button = add_button(
+                gui, "the target lies on the floor in this frame",
+                lambda: setattr(self.floor, "value", str(self.time_line.position)),
+            )  # fmt: skip
+            self.calibrate_button = add_button(gui, "calibrate", self.calibrate)
         self.cameras.on_update(
             lambda event: setattr(self.use_button, "disabled", self.cameras.value == _NONE)
         )
-        self.use_button.on_click(lambda event: self.use())
-        self.search_button.on_click(lambda event: self.search())
-        self.floor_button.on_click(
-            lambda event: setattr(self.floor, "value", str(self.time_line.position))
-        )
-        self.calibrate_button.on_click(lambda event: self.calibrate())
         self.target.kind.on_update(lambda event: self._show_fields())
         key = add_key(gui, "Look for the board or wand", "F", self.search)
         self._parts: list[Any] = [

@@ -26,7 +26,7 @@ from cl import InputError, UserError
 from psfs.common.requests import SETTINGS, Stated, read_config
 from psfs.page.pictures import crosses, locate_point
 from psfs.page.server import read_choice
-from psfs.page.timeline import add_key
+from psfs.page.timeline import add_button, add_key
 from psfs.page.words import make_lines, make_text
 
 if TYPE_CHECKING:
@@ -65,21 +65,17 @@ class CorrectPanel:
             "by", _WAYS, initial_value=_DRAG,
             hint="drag the joint, turn it about the joint before it, or click it in two pictures",
         )  # fmt: skip
-        self.place = gui.add_button(_MOVE, hint="key: C", disabled=True)
-        self.cancel = gui.add_button("cancel", visible=False)
+        self.place = add_button(gui, _MOVE, self.toggle_handle, hint="key: C", disabled=True)
+        self.cancel = add_button(gui, "cancel", self.put_back, visible=False)
         self.reach = gui.add_number(
             "time window, s", REACH, min=0.0, max=10.0, step=0.1,
             hint="time before and after the frame that is tracked again",
         )  # fmt: skip
-        self.bad = gui.add_button("mark this frame as bad", hint="key: B", disabled=True)
-        self.undo = gui.add_button("take back the last one", disabled=True)
-        self.again = gui.add_button("track again", disabled=True)
+        mark = "mark this frame as bad"
+        self.bad = add_button(gui, mark, self.mark_bad, hint="key: B", disabled=True)
+        self.undo = add_button(gui, "take back the last one", self.take_back, disabled=True)
+        self.again = add_button(gui, "track again", self.track_again, disabled=True)
         self.list: Any = gui.add_html("")
-        self.place.on_click(lambda event: self.toggle_handle())
-        self.cancel.on_click(lambda event: self.put_back())
-        self.bad.on_click(lambda event: self.mark_bad())
-        self.undo.on_click(lambda event: self.take_back())
-        self.again.on_click(lambda event: self.track_again())
         add_key(gui, "Put a joint right", "C", self.toggle_handle)
         add_key(gui, "Mark frame as bad", "B", self.mark_bad)
 

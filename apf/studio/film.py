@@ -28,7 +28,7 @@ from psfs.diagnostics.person_in_view import PersonInView, find_person_in_views
 from psfs.diagnostics.small_views import SILHOUETTES, SMALL_SIDE, Outline, Shrink, extract_outline
 from psfs.output.preview import label_picture
 from psfs.page.pictures import blend_silhouette, fill_view, mosaic, small_pictures
-from psfs.page.timeline import add_key
+from psfs.page.timeline import add_button, add_key
 from psfs.page.words import make_lines, make_table, make_text
 from psfs.request import CALIBRATION
 from psfs.sequence import Frame
@@ -94,19 +94,20 @@ class FilmView:
             "look for", (NOTHING, TARGET, PERSON), initial_value=NOTHING,
             hint="in the pictures as they come; recorded or not",
         )  # fmt: skip
-        self.empty_button = gui.add_button(
-            "the room is empty now", hint="key: M; for two seconds nobody is in any picture"
-        )
+        self.empty_button = add_button(
+            gui, "the room is empty now", self.learn_empty,
+            hint="key: M; for two seconds nobody is in any picture",
+        )  # fmt: skip
         self.cameras: Any = gui.add_dropdown(
             "cameras of", (_NONE, *self._known), initial_value=_NONE,
             hint="their calibration, for a recording that can be tracked",
         )  # fmt: skip
-        self.record_button: Any = gui.add_button(_RECORD, hint="key: R; into a new folder")
+        self.record_button = add_button(
+            gui, _RECORD, self.press_record, hint="key: R; into a new folder"
+        )
         with gui.add_folder("the board or wand") as target:
             self.target = TargetFields(gui, self._known)
         self.mode.on_update(lambda event: self._restart())
-        self.empty_button.on_click(lambda event: self.learn_empty())
-        self.record_button.on_click(lambda event: self.press_record())
         keys = [
             add_key(gui, "The room is empty now", "M", self.learn_empty),
             add_key(gui, "Begin or end a recording", "R", self.press_record),

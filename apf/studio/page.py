@@ -24,6 +24,7 @@ from psfs.common.files import read_json
 from psfs.page.clouds import open_voxels
 from psfs.page.drop import receive_files
 from psfs.page.server import BrowserPage
+from psfs.page.timeline import add_button
 from psfs.page.watch import Watch
 from psfs.page.words import make_lines, make_steps, make_text
 from psfs.request import parse_sync
@@ -262,13 +263,11 @@ class Page(BrowserPage):
         self._opened = _NOTHING
         self._message: Any = gui.add_html("")
         self._demo_line = WorkLine(gui, self._demo)
-        again: Any = gui.add_button("look for new folders", color="gray")
-        again.on_click(lambda event: self.list_folders())
-        self.demo_button: Any = gui.add_button(
-            "demo walk",
+        add_button(gui, "look for new folders", self.list_folders, color="gray")
+        self.demo_button = add_button(
+            gui, "demo walk", self.make_demo,
             hint="makes a synthetic walker before four cameras (apf synth), and opens it",
-        )
-        self.demo_button.on_click(lambda event: self.make_demo())
+        )  # fmt: skip
         self.list_folders()
         self._folder.on_update(lambda event: self._choose())
         self.add_dark()

@@ -7,12 +7,12 @@ from __future__ import annotations
 import json
 import shlex
 from collections.abc import Callable
+from functools import reduce
 from pathlib import Path
 from types import NoneType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from pydantic.fields import FieldInfo
 
 from apf.presets import PRESETS
 from apf.request import TrackRequest
@@ -21,18 +21,16 @@ from apf.studio.opened import RunningTake
 from apf.studio.work import Work, WorkLine, WorkSlot, free_folder
 from cl import InputError
 from psfs.common.config import (
-    Config,
     about,
     describe_range,
     field_choices,
     field_kinds,
     fields_below,
-    part_kind,
 )
 from psfs.common.requests import Stated, nest_tables
 from psfs.diagnostics.sequence_info import find_keypoints
 from psfs.page.server import read_choice, read_metres
-from psfs.page.timeline import add_key
+from psfs.page.timeline import add_button, add_key
 from psfs.page.words import classify, make_code, make_lines, make_text
 from psfs.request import frame_range
 from psfs.sequence import Sequence
@@ -49,21 +47,14 @@ class ChosenSettings:
     """Values of settings that differ from the defaults, by the path of names that leads to each."""
 
     def __init__(self) -> None:
-        self.fields: dict[tuple[str, ...], FieldInfo] = {}
-        self._defaults: dict[str, Config] = {}
-        for node in _NODES:
-            kind = part_kind(Settings.model_fields[node])
-            assert kind is not None
-            self._defaults[node] = kind()
-            self.fields |= dict(fields_below(kind, node))
+        below = dict(fields_below(Settings))
+        self.fields = {path: field for path, field in below.items() if path[0] in _NODES}
+        self._defaults = Settings()
         self.values: dict[tuple[str, ...], Any] = {}
 
     def default(self, path: tuple[str, ...]) -> Any:
         """Return the default of a setting."""
-        value: Any = self._defaults[path[0]]
-        for name in path[1:]:
-            value = getattr(value, name)
-        return value
+        return reduce(getattr, path, self._defaults)
 
     def set(self, path: tuple[str, ...], value: Any) -> None:
         """Choose a value. Raises InputError, which says what is expected, and keeps the old one."""
@@ -75,9 +66,7 @@ class ChosenSettings:
         tried = {**self.values, path: value}
         if value == self.default(path) or (value is None and NoneType not in kinds):
             tried.pop(path)
-        tables = nest_tables(tried)
-        for node, config in self._defaults.items():
-            config.overlay(tables.get(node, {}), node)
+        self._defaults.overlay(nest_tables(tried))
         self.values = tried
 
     @property
@@ -111,16 +100,11 @@ class SettingsPanel:
                 self._shown.append(self._add_field(path))
 
     def _add_field(self, path: tuple[str, ...]) -> Any:
-        field, value = (
-            self.chosen.fields[path],
-            self.chosen.values.get(path, self.chosen.default(path)),
-        )
+        field = self.chosen.fields[path]
+        value = self.chosen.values.get(path, self.chosen.default(path))
         source = about(field, "source")
-        hint = " ".join(
-            filter(
-                None, (field.description, describe_range(field), source and f"Default: {source}.")
-            )
-        )
+        words = field.description, describe_range(field), source and f"Default: {source}."
+        hint = " ".join(filter(None, words))
         kinds, choices = field_kinds(field), field_choices(field)
         if kinds == (bool,):
             control: Any = self._gui.add_checkbox(path[-1], bool(value), hint=hint)
@@ -187,9 +171,8 @@ class RunPanel:
             "forward only", False, hint="half of the time, less accurate (--one-way)"
         )
         self.keypoints = gui.add_checkbox("use keypoints", False, visible=False)
-        self.start_button = gui.add_button("track", disabled=True, hint="key: T")
+        self.start_button = add_button(gui, "track", self.press_track, disabled=True, hint="key: T")
         self.settings = SettingsPanel(gui)
-        self.start_button.on_click(lambda event: self.press_track())
         add_key(gui, "Track the footage", "T", self.press_track)
 
     @property

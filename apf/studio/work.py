@@ -21,6 +21,7 @@ from psfs.common.files import temporary_folder
 from psfs.common.requests import Request, list_options
 from psfs.common.system import PATIENCE
 from psfs.footage.memory import store
+from psfs.page.timeline import add_button
 from psfs.page.words import REFRESH, make_text
 
 if TYPE_CHECKING:
@@ -206,8 +207,7 @@ class WorkLine:
     def __init__(self, gui: viser.GuiApi, slot: WorkSlot) -> None:
         self.words: Any = gui.add_html("", visible=False)
         self.bar: Any = gui.add_progress_bar(0.0, visible=False)
-        self.cancel: Any = gui.add_button("cancel", visible=False, color="gray")
-        self.cancel.on_click(lambda event: slot.cancel())
+        self.cancel = add_button(gui, "cancel", slot.cancel, visible=False, color="gray")
 
     def show(self, work: Work) -> None:
         """Show how far a command is."""
