@@ -6,12 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from apf.evaluation.angle_truth import (
-    AngleError,
-    evaluate_angles,
-    load_true_angles,
-    mean_error,
-)
+from apf.evaluation.angle_truth import AngleError, evaluate_angles, mean_error
 from apf.evaluation.conventions import axes_that_fit, choose_convention
 from apf.evaluation.evaluate import LOST_FRAMES, LOST_JOINT, Evaluation, evaluate
 from apf.evaluation.evaluation_plot import write_plot
@@ -97,8 +92,8 @@ def _evaluate_one(
             )
     evaluation = evaluate(track, truth)
     by_index = request.truth_start is None and truth.at_rate(track.fps) is truth
-    if by_index and (true_angles := load_true_angles(path)) is not None:
-        evaluation = replace(evaluation, angles=tuple(evaluate_angles(track, true_angles)))
+    if by_index:
+        evaluation = replace(evaluation, angles=tuple(evaluate_angles(track, path)))
     return evaluation, axes_that_fit([(track, truth)], evaluation.mean_error, convention)
 
 
@@ -192,11 +187,8 @@ def print_evaluation(evaluation: Evaluation) -> None:
     if summary["limbs_said_to_be_lost"]:
         shares = ", ".join(f"{n} {s:.1%}" for n, s in summary["limbs_said_to_be_lost"].items())
         right = summary["limbs_beyond_200_mm_flagged"]
-        rightly = (
-            ""
-            if right is None
-            else (f"{right:.0%} of limbs with an error above {1000 * LOST_LIMB:.0f} mm and ")
-        )
+        limit = f"limbs with an error above {1000 * LOST_LIMB:.0f} mm"
+        rightly = "" if right is None else f"{right:.0%} of {limit} and "
         lines.append(
             f"the track itself marks as lost, of all frames: {shares}. It marks {rightly}"
             f"{_share(summary['limbs_within_150_mm_flagged'])} of limbs below "

@@ -29,7 +29,7 @@ _SELDOM = 0.8
 
 def run(request: KeypointsRequest) -> None:
     check_network()
-    number = None if request.people == "auto" else people_number(request.people)
+    number = people_number(request.people)
     sequence = open_sequence(request)
     pattern = "*_json/*_[0-9][0-9][0-9][0-9][0-9][0-9].json"
     with output_folder(request.output, request.COMMAND, sequence.inputs, (pattern, SETTINGS)):

@@ -71,12 +71,8 @@ def _render(request: RenderRequest, out: OutputFolder, look: ObjectiveConfig) ->
                 parts, edges = np.moveaxis(drawn[view, :height, :width], -1, 0)
                 name = f"{camera.name}_{frame.index:06d}.png"
                 silhouette = np.where(parts > 0, np.uint8(255), np.uint8(0))
-                pictures = (
-                    silhouette,
-                    edges,
-                    tint_parts(crop_view(frame, view, camera), parts, edges),
-                )
-                for kind, picture in zip(KINDS, pictures, strict=True):
+                overlay = tint_parts(crop_view(frame, view, camera), parts, edges)
+                for kind, picture in zip(KINDS, (silhouette, edges, overlay), strict=True):
                     write_picture(request.output / kind / name, picture)
     write_settings(request.output, request)
     stdout.print(f"{len(rows)} frames x {len(sequence.rig)} cameras drawn: {request.output}")

@@ -69,7 +69,7 @@ def _triangulate(request: TrackRequest, output: Path, line: StageProgress) -> No
     selection = slice(chosen.start, chosen.stop, chosen.step)
     people: list[Keypoints] = []
     if request.people != 1:
-        number = None if request.people == "auto" else people_number(request.people)
+        number = people_number(request.people)
         people = open_people_keypoints(request.keypoints, sequence, number, warn)
     several = bool(people)
     if not several:

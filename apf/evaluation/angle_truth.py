@@ -42,14 +42,6 @@ _HINGES = (("upper_arm", "forearm", 1.0), ("thigh", "shank", -1.0))
 _BENT = 0.2
 
 
-@dataclass(frozen=True, eq=False)
-class TrueAngles:
-    """The true angles (F,), degrees, by clinical name, in `frames` (F,)."""
-
-    frames: np.ndarray
-    angles: dict[str, np.ndarray]
-
-
 @dataclass(frozen=True)
 class AngleError:
     """The error of an angle over the common frames, degrees: root mean square, and without the mean
@@ -64,19 +56,6 @@ class AngleError:
     def defined(self) -> bool:
         """Whether the angle is defined in all poses."""
         return not self.name.endswith(UNDEFINED)
-
-
-def load_true_angles(path: str | Path) -> TrueAngles | None:
-    """Read the true angles of an npz with bone_names (B,) and bone_rotations (F, B, 3, 3), each
-    bone's rotation in the world from its rest pose, Z up, beside the joints; None if it has no
-    rotations. Raises InputError if it is invalid."""
-    path = Path(path)
-    truth = read_truth(path) if path.suffix.lower() == ".npz" else None
-    if truth is None or not truth.rotations:
-        return None
-    (series,) = truth.joints.values()
-    joints, _, _ = evaluated_joints(series.joint_names, series.joints)
-    return TrueAngles(series.frames, angles_between(_true_frames(truth.rotations, joints)))
 
 
 def _true_frames(bones: Mapping[str, np.ndarray], joints: np.ndarray) -> dict[str, np.ndarray]:
@@ -150,19 +129,26 @@ def _first(bones: Mapping[str, np.ndarray], names: Any) -> np.ndarray | None:
     return next((bones[name] for name in names if name in bones), None)
 
 
-def evaluate_angles(track: Track, truth: TrueAngles) -> list[AngleError]:
+def evaluate_angles(track: Track, path: Path) -> list[AngleError]:
     """Return the error of every angle that track and truth have in common frames; none for a track
-    without a body."""
-    if track.body is None:
+    without a body, or a truth without rotations.
+
+    path: an npz with bone_names (B,) and bone_rotations (F, B, 3, 3), each bone's rotation in the
+    world from its rest pose, Z up, beside the joints. Raises InputError if it is invalid.
+    """
+    truth = read_truth(path) if path.suffix.lower() == ".npz" else None
+    if truth is None or not truth.rotations or track.body is None:
         return []
-    _, rows, true_rows = np.intersect1d(track.frames, truth.frames, return_indices=True)
-    measured = []
-    for name, ours in track.angles.items():
-        if name not in truth.angles:
-            continue
-        error = measure_angle(name, ours[rows], truth.angles[name][true_rows])
-        measured += [] if error is None else [error]
-    return measured
+    (series,) = truth.joints.values()
+    joints, _, _ = evaluated_joints(series.joint_names, series.joints)
+    angles = angles_between(_true_frames(truth.rotations, joints))
+    _, rows, true_rows = np.intersect1d(track.frames, series.frames, return_indices=True)
+    measured = (
+        measure_angle(name, ours[rows], angles[name][true_rows])
+        for name, ours in track.angles.items()
+        if name in angles
+    )
+    return [error for error in measured if error is not None]
 
 
 def measure_angle(name: str, ours: np.ndarray, truth: np.ndarray) -> AngleError | None:

@@ -92,14 +92,12 @@ def write_truth(folder: Path, scene: SyntheticScene) -> None:
     truth.npz with joints (F, P, J, 3) and person_names, and truth_person1.trc and so on."""
     fps, names, everybody = scene.config.fps, scene.joint_names, scene.people_joints
     rest = {"joint_names": np.array(names), "fps": np.float64(fps)}
-    if len(everybody) == 1:
-        np.savez(folder / "truth.npz", joints=scene.joints, **rest)
-        files = ["truth.trc"]
-    else:
+    joints, files = scene.joints, ["truth.trc"]
+    if len(everybody) > 1:
         persons = [f"person{number}" for number in range(1, len(everybody) + 1)]
-        rest["person_names"] = np.array(persons)
-        np.savez(folder / "truth.npz", joints=np.moveaxis(everybody, 0, 1), **rest)
+        joints, rest["person_names"] = np.moveaxis(everybody, 0, 1), np.array(persons)
         files = [f"truth_{person}.trc" for person in persons]
+    np.savez(folder / "truth.npz", joints=joints, **rest)
     for file, joints in zip(files, everybody, strict=True):
         write_trc(folder / file, JointSeries(tuple(names), joints, fps, np.arange(len(joints))))
 

@@ -36,8 +36,10 @@ class OpenedKeypoints:
     doubts: tuple[str, ...] = ()
 
 
-def people_number(stated: int | str) -> int:
-    """Return the number of people that is stated. Raises InputError."""
+def people_number(stated: int | str) -> int | None:
+    """Return the number of people that is stated, None for auto. Raises InputError."""
+    if stated == "auto":
+        return None
     if not isinstance(stated, int) or not 1 <= stated <= MOST_PEOPLE:
         raise InputError(f"--people is {stated}; expected 1 to {MOST_PEOPLE}, or auto")
     return stated

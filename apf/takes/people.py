@@ -81,11 +81,8 @@ class Persons:
 def check_people(request: TrackingRequest) -> int | None:
     """Return how many people are asked for, None for as many as are seen. Raises InputError if
     there are several and something else that is stated applies only to one."""
-    if request.people == "auto":
-        return None
-    number = people_number(request.people)
-    why = _explain_one_person(request)
-    if number > 1 and why:
+    number, why = people_number(request.people), _explain_one_person(request)
+    if number is not None and number > 1 and why:
         raise InputError(f"--people {number}: {why}; expected one person")
     return number
 
