@@ -86,7 +86,8 @@ class BatchReport(AbstractContextManager["BatchReport"]):
             text = describe(outcome)
             self._failed[name] = TakeRow(name, status="failed", error=text)
             text = f"failed: {text}"
-        self._remove_lines(name)
+        for task in [task for task in self._lines if task.split("/")[0] == name]:
+            self._bar.remove_task(self._lines.pop(task))
         stderr.print(f"{name}: {text}")
         self._bar.update(self._all, advance=1, description=self._describe_progress())
         if time.monotonic() > self._written + _APART:
@@ -104,11 +105,6 @@ class BatchReport(AbstractContextManager["BatchReport"]):
             seconds = (time.monotonic() - self._begun) / computed * left
             words.append(f"about {seconds / 60:.0f} min left" if seconds > 90 else "soon done")
         return ", ".join(words)
-
-    def _remove_lines(self, name: str) -> None:
-        """Remove the lines of a take and of its chunks."""
-        for task in [task for task in self._lines if task.split("/")[0] == name]:
-            self._bar.remove_task(self._lines.pop(task))
 
     def raise_failures(self) -> None:
         """Raise InputError if a take failed."""

@@ -57,7 +57,8 @@ def run(request: EvaluateRequest) -> None:
         shown = ", ".join(f"{k} {v}" for k, v in tracks[0].smoothing.items() if v is not None)
         stdout.print(f"the track was smoothed: {shown}")
     folder = request.output or (request.track if request.track.is_dir() else request.track.parent)
-    wanted = _select_files(request)
+    chosen = {"csv": request.csv, "plot": request.plot, "json": request.json_file}
+    wanted = [kind for kind, on in chosen.items() if on] or list(chosen)
     with output_folder(folder, request.COMMAND, addition=True, replaces=True):
         if isinstance(evaluation, Evaluation):
             title = f"{resolve_path(request.track).name} against {request.truth[0].name}"
@@ -119,12 +120,6 @@ def _read_truth(request: EvaluateRequest, fps: float) -> tuple[dict[str, JointSe
             read = {name: of.resample(fps, start) for name, of in read.items()}
         truth |= read
     return truth, convention
-
-
-def _select_files(request: EvaluateRequest) -> list[str]:
-    """Return the kinds of files that the flags ask for, all without such flags."""
-    chosen = {"csv": request.csv, "plot": request.plot, "json": request.json_file}
-    return [kind for kind, on in chosen.items() if on] or list(chosen)
 
 
 def _write_people(folder: Path, evaluation: PeopleEvaluation, wanted: list[str]) -> list[Path]:

@@ -136,12 +136,12 @@ def evaluate_angles(track: Track, path: Path) -> list[AngleError]:
     path: an npz with bone_names (B,) and bone_rotations (F, B, 3, 3), each bone's rotation in the
     world from its rest pose, Z up, beside the joints. Raises InputError if it is invalid.
     """
-    truth = read_truth(path) if path.suffix.lower() == ".npz" else None
-    if truth is None or not truth.rotations or track.body is None:
+    people, rotations = read_truth(path) if path.suffix.lower() == ".npz" else ({}, {})
+    if not rotations or track.body is None:
         return []
-    (series,) = truth.joints.values()
+    (series,) = people.values()
     joints, _, _ = evaluated_joints(series.joint_names, series.joints)
-    angles = angles_between(_true_frames(truth.rotations, joints))
+    angles = angles_between(_true_frames(rotations, joints))
     _, rows, true_rows = np.intersect1d(track.frames, series.frames, return_indices=True)
     measured = (
         measure_angle(name, ours[rows], angles[name][true_rows])

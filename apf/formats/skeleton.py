@@ -159,19 +159,12 @@ def _rest_attitude(body: BodyModel) -> np.ndarray:
         shoulder, elbow = f"{side}_shoulder", f"{side}_elbow"
         if {shoulder, elbow} <= set(joints):
             turn = rotation_between(joints[elbow] - joints[shoulder], outwards)
-            arm = body.joints[body.joint_names.index(shoulder)].bone
-            for bone in _list_descendants(body, arm):
-                rotations[bone] = turn @ rotations[bone]
+            arm = {body.joints[body.joint_names.index(shoulder)].bone}
+            for index, bone in enumerate(body.bones):  # parents come first
+                if index in arm or bone.parent in arm:
+                    arm.add(index)
+                    rotations[index] = turn @ rotations[index]
     return np.stack([-right, up, forward]) @ rotations
-
-
-def _list_descendants(body: BodyModel, bone: int) -> list[int]:
-    """Return a bone and all its descendants."""
-    bones = {bone}
-    for index, child in enumerate(body.bones):  # parents come first
-        if child.parent in bones:
-            bones.add(index)
-    return sorted(bones)
 
 
 def node_name(name: str) -> str:

@@ -135,7 +135,7 @@ def match_persons(
     if cameras is None:
         names, view_of = list(raw.views), {name: name for name in raw.views}
     else:
-        names = list(cameras) if rig is None else rig.names
+        names = [str(name) for name in cameras] if rig is None else rig.names
         view_of, note = match_cameras(raw, names)
         notes += [note] if note else []
     views = {camera: raw.views[name] for camera, name in view_of.items()}

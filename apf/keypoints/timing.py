@@ -111,15 +111,6 @@ def shift_cameras(keypoints: Keypoints, late: Mapping[str, int]) -> Keypoints:
     return replace(keypoints, points=np.stack(rows))
 
 
-def describe_lags(late: Mapping[str, int], rate: float) -> list[str]:
-    """Return a line for each camera whose keypoints are late; rate: frames per second."""
-    return [
-        f"the keypoints of camera {name} come about {describe_lag(lag, rate)}; expected those of "
-        "the same time"
-        for name, lag in late.items()
-    ]
-
-
 def describe_lag(lag: int, rate: float) -> str:
     """Return a lag in words; negative: early."""
     side = "late" if lag > 0 else "early"

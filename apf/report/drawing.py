@@ -98,12 +98,20 @@ class Figure:
     def draw(self, image: np.ndarray, camera: Camera, row: int) -> None:
         """Draw the body in a row of the track over `image` (h, w, 3) uint8 BGR as `camera` sees it;
         nothing of what lies behind the camera."""
-        joints, thickness = self.track.joints[row], max(1, round(min(camera.size) / 320))
+        thickness = max(1, round(min(camera.size) / 320))
         if self._cones is not None and len(self._cone_colours):
             colours = self.colour_cones(row)[:, ::-1].tolist()
             _draw_cones(image, camera, self._cones[row], colours, thickness)
         colour = _JOINT if self.colour is None else self.colour[::-1]
-        _draw_skeleton(image, *camera.project(joints), self.track.edges, thickness, colour)
+        pixels, depth = camera.project(self.track.joints[row])
+        visible, points = depth > 0, _to_fixed_point(pixels)
+        for a, b in self.track.edges:
+            if visible[a] and visible[b]:
+                cv2.line(image, points[a], points[b], colour, 1, cv2.LINE_AA, _BITS)
+        radius = round((0.8 + 0.7 * thickness) * 2**_BITS)
+        for point in points[visible]:
+            cv2.circle(image, point, radius + 2**_BITS, _RIM, -1, cv2.LINE_AA, _BITS)
+            cv2.circle(image, point, radius, _JOINT, -1, cv2.LINE_AA, _BITS)
 
     def pack(self, frames: np.ndarray) -> dict[str, Any]:
         """Return the skeleton in frames (F,) for the script of a page: joints (F, J, 3) m, NaN
@@ -287,25 +295,6 @@ def _draw_cones(
     cv2.drawContours(image, lines, -1, _RIM, rim)
     cv2.drawContours(drawn, lines, -1, 255, thickness)
     cv2.copyTo(np.take(table, nearest, axis=0), drawn, image)
-
-
-def _draw_skeleton(
-    image: np.ndarray,
-    pixels: np.ndarray,
-    depth: np.ndarray,
-    edges: np.ndarray,
-    thickness: int,
-    colour: tuple[int, ...],
-) -> None:
-    visible = depth > 0
-    points = _to_fixed_point(pixels)
-    for a, b in edges:
-        if visible[a] and visible[b]:
-            cv2.line(image, points[a], points[b], colour, 1, cv2.LINE_AA, _BITS)
-    radius = round((0.8 + 0.7 * thickness) * 2**_BITS)
-    for point in points[visible]:
-        cv2.circle(image, point, radius + 2**_BITS, _RIM, -1, cv2.LINE_AA, _BITS)
-        cv2.circle(image, point, radius, _JOINT, -1, cv2.LINE_AA, _BITS)
 
 
 def _to_fixed_point(pixels: np.ndarray) -> np.ndarray:

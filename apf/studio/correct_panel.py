@@ -12,7 +12,6 @@ import trimesh
 
 from apf.body.model import plain_name
 from apf.request import TrackRequest
-from apf.studio.opened import OpenedTracks
 from apf.studio.watch import TrackWatch
 from apf.tracking.retracking import (
     REACH,
@@ -217,9 +216,14 @@ class CorrectPanel:
         if self._watch is None or self.corrections is None:
             return
         try:
-            path = self.write()
-            request = _repeat_request(self._watch.opened, path)
-            self._start(request)
+            path, opened = self.write(), self._watch.opened
+            settings = opened.folder / SETTINGS
+            if opened.sequence is None or not settings.exists():
+                lacks = f"lacks its footage or {SETTINGS}; expected both"
+                raise InputError(f"{opened.folder}: {lacks}")
+            added = Stated({"folders": (opened.sequence.folder,), "corrections": path})
+            stated = added.over(read_config(TrackRequest, settings))
+            self._start(TrackRequest.from_stated(stated))
             said = f"Saved in {path}. Tab Track: tracking again, into a folder of its own."
             self._message.content = make_text(said)
         except UserError as error:
@@ -253,15 +257,6 @@ class CorrectPanel:
         lines = found.describe() if found is not None else []
         self.undo.disabled = self.again.disabled = not lines
         self.list.content = make_lines(("note", line) for line in lines)
-
-
-def _repeat_request(opened: OpenedTracks, corrections: Path) -> TrackRequest:
-    """Return the request of the track, with corrections. Raises InputError."""
-    settings = opened.folder / SETTINGS
-    if opened.sequence is None or not settings.exists():
-        raise InputError(f"{opened.folder}: lacks its footage or {SETTINGS}; expected both")
-    added = Stated({"folders": (opened.sequence.folder,), "corrections": corrections})
-    return TrackRequest.from_stated(added.over(read_config(TrackRequest, settings)))
 
 
 def _order(name: str) -> tuple[bool, str]:

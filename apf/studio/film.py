@@ -143,7 +143,11 @@ class FilmView:
         assert frame.images is not None
         pictures = small_pictures(frame, self._captures.rig, _WIDTH)
         if self._collecting:
-            self._add_empty(frame.images)
+            self._empty.append(frame.images)
+            if len(self._empty) >= _EMPTY:
+                self._collecting = False
+                self.person = PersonCheck(self._make_device(), self._captures.rig, self._empty)
+                self._note = "good", "the empty room is known; walk in"
         elif self.mode.value == TARGET:
             self._find_target(frame)
             self.found.mark(pictures, frame.index)
@@ -220,13 +224,6 @@ class FilmView:
         mean = np.rint(average_pictures(self._empty).mean).astype(np.uint8)
         cropped = self._captures.rig.crop(mean)
         return [cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY) for picture in cropped]
-
-    def _add_empty(self, images: np.ndarray) -> None:
-        self._empty.append(images)
-        if len(self._empty) >= _EMPTY:
-            self._collecting = False
-            self.person = PersonCheck(self._make_device(), self._captures.rig, self._empty)
-            self._note = "good", "the empty room is known; walk in"
 
     def _find_names(self) -> list[str]:
         """Return the names of the recorded cameras: those of the chosen calibration."""

@@ -192,13 +192,6 @@ def _defines(
     }
 
 
-def _centre_motion(motion: Motion) -> Motion:
-    """Shift the motion so that the walked part of the path is centred on the origin."""
-    trail = motion.positions[:, 0, :2]
-    shift = np.append(-0.5 * (trail.min(0) + trail.max(0)), 0.0)
-    return Motion(motion.rotations, motion.positions + shift)
-
-
 class Sensor:
     """Noise of the camera's sensor.
 
@@ -310,7 +303,11 @@ class _Walker:
     def __init__(self, walk: Walk, config: SceneConfig) -> None:
         gait = GaitModel(walk)
         motion = gait.motion(np.arange(config.frames) / config.fps)
-        self._motion = motion if config.people > 1 else _centre_motion(motion)
+        if config.people == 1:  # the walked part of the path is centred on the origin
+            trail = motion.positions[:, 0, :2]
+            shift = np.append(-0.5 * (trail.min(0) + trail.max(0)), 0.0)
+            motion = Motion(motion.rotations, motion.positions + shift)
+        self._motion = motion
         self.joints = gait.skeleton.joints(self._motion)
         self.joint_names = gait.skeleton.joint_names
         self._flesh = PersonSurface(gait.skeleton)

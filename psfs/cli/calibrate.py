@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from rich.table import Table
@@ -130,8 +131,13 @@ def _calibrate(request: CalibrateRequest) -> None:
     board = boards[0] if boards else None
     views = open_uncalibrated(request.folder or Path(), request.capture)
     chosen, floor = _choose_frames(request, views)
-    finder = board or _marker_finder(request, views, chosen)
-    finders = boards or [finder]
+    finders: list[Any] = [*boards]
+    if board is None:
+        wand = make_wand(request.wand or ()) if request.c3d is None else read_measured_wand(
+            request.c3d, request.markers, chosen, views.fps, request.c3d_begins
+        )  # fmt: skip
+        finders = [MarkerFinder(wand, median_pictures(views, chosen))]
+    finder: Finder = finders[0]
     path, known = request.intrinsics, request.intrinsics is not None
     cameras = list(views.rig) if path is None else read_intrinsics(path, views.rig, board)
     sightings: list[Sighting] = []
@@ -200,16 +206,6 @@ def _read_board_file(request: CalibrateRequest) -> CalibrateRequest:
         marker=board.marker if request.marker is None else request.marker,
         dictionary=board.dictionary if request.dictionary == "auto" else request.dictionary,
     )
-
-
-def _marker_finder(request: CalibrateRequest, views: Sequence, chosen: list[int]) -> MarkerFinder:
-    if request.c3d is not None:
-        target = read_measured_wand(
-            request.c3d, request.markers, chosen, views.fps, request.c3d_begins
-        )
-    else:
-        target = make_wand(request.wand or ())
-    return MarkerFinder(target, median_pictures(views, chosen))
 
 
 def _choose_frames(request: CalibrateRequest, views: Sequence) -> tuple[list[int], list[int]]:
@@ -281,7 +277,10 @@ def _write(
     write_toml_tables(out / CALIBRATION, CameraRig(result.scene.cameras))
     write_json(out / REPORT, calibration_summary(result, found, what, warnings))
     write_rig(out / RIG, result, found)
-    _write_pictures(out / PICTURES, views, result, found)
+    numbers = [sighting.frame // result.target.boards for sighting in result.sightings]
+    shown = views.rig.crop(views.read(max(set(numbers), key=numbers.count)).images)  # with most
+    for view, picture in zip(found, shown, strict=True):
+        write_view(out / PICTURES / f"{view.camera.name}.png", view, picture)
     write_settings(out, request)
     stdout.print(_table(found))
     for view in found:
@@ -290,17 +289,6 @@ def _write(
     for text in warnings:
         warn(text, stdout)
     stdout.print(f"{judge_calibration(found)}; wrote {out}")
-
-
-def _write_pictures(
-    folder: Path, views: Sequence, result: CalibrationResult, found: list[ViewReport]
-) -> None:
-    """Write a picture per camera: its detected points, drawn over its picture of the frame with the
-    most detections."""
-    frames = [sighting.frame // result.target.boards for sighting in result.sightings]
-    pictures = views.rig.crop(views.read(max(set(frames), key=frames.count)).images)
-    for view, picture in zip(found, pictures, strict=True):
-        write_view(folder / f"{view.camera.name}.png", view, picture)
 
 
 def _table(found: list[ViewReport]) -> Table:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -62,23 +60,15 @@ def _check(request: CheckRequest) -> None:
     comments += [cut] if cut else []
     named = {name for fault in diagnosis.faults if fault.serious for name in fault.cameras}
     if not comments:
-        comments = low_agreement(sequence.folder, names, found, named)
+        low = [n for n, mean in zip(names, known_means(found), strict=True) if mean < _LOW]
+        comments = [
+            f"camera {name}: its silhouettes and the voxels agree little; they lack parts of the "
+            "person, or hold what the others do not see; look: "
+            f"psfs silhouettes {sequence.folder} -o silhouettes"
+            for name in low
+            if name not in named
+        ]
     _report(run, names, found, bad, comments, clouds)
-
-
-def low_agreement(
-    folder: Path, names: list[str], scores: np.ndarray, named: Collection[str]
-) -> list[str]:
-    """Return texts that name the cameras of a folder with low scores (frames, V), except those
-    `named` already."""
-    means = known_means(scores)
-    low = [n for n, mean in zip(names, means, strict=True) if mean < _LOW and n not in named]
-    return [
-        f"camera {name}: its silhouettes and the voxels agree little; they lack parts of the "
-        "person, or hold what the others do not see; look: "
-        f"psfs silhouettes {folder} -o silhouettes"
-        for name in low
-    ]
 
 
 def _report(

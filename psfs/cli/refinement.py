@@ -49,20 +49,16 @@ def refine(request: CalibrateRequest) -> None:
 
 def _write(request: CalibrateRequest, rig: CameraRig, found: Alignment, accepted: bool) -> None:
     out = request.output or Path()
-    verdict = str(found) if accepted else _describe_sound(found)
+    verdict = str(found) if accepted else (
+        f"the given cameras are kept: with corrected ones the silhouettes of held-out frames "
+        f"differ by {found.after:.2f} px instead of {found.before:.2f}, in pictures of "
+        f"{found.side} px"
+    )  # fmt: skip
     write_toml_tables(out / CALIBRATION, rig)
     write_json(out / REPORT, _summary(request, rig, found, accepted, verdict))
     write_settings(out, request)
     stdout.print(_table(rig, found, accepted))
     stdout.print(f"{verdict}; wrote {out}")
-
-
-def _describe_sound(found: Alignment) -> str:
-    return (
-        f"the given cameras are kept: with corrected ones the silhouettes of held-out frames "
-        f"differ by {found.after:.2f} px instead of {found.before:.2f}, in pictures of "
-        f"{found.side} px"
-    )
 
 
 def _figures(found: Alignment, view: int) -> dict[str, list[float]]:
