@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 from apf.cli import export
@@ -57,13 +57,10 @@ class TakeJob:
 
 @dataclass(frozen=True)
 class TakeDone:
-    """The result of a take: the rows of its tracks. kept: it was finished by an earlier run.
-    seconds: duration of each stage. core_seconds: CPU time of the process."""
+    """The result of a take: the rows of its tracks. kept: it was finished by an earlier run."""
 
     rows: tuple[TakeRow, ...]
     kept: bool
-    seconds: Mapping[str, float] = field(default_factory=dict)
-    core_seconds: Mapping[str, float] = field(default_factory=dict)
 
 
 def find_finished(job: TakeJob) -> TakeDone | None:
@@ -126,8 +123,7 @@ def write_take(
         written = [path for path in list_files(job.out) if path.name != MANIFEST]
         outputs, values = describe_files(job.out, written), tuple(map(asdict, rows))
         replace(record, outputs=outputs, rows=values).write(job.out)
-    progress.end()
-    return TakeDone(rows, False, dict(progress.seconds), dict(progress.core_seconds))
+    return TakeDone(rows, kept=False)
 
 
 def compare_with_truth(
