@@ -59,7 +59,12 @@ def run(request: LiveRequest) -> None:
     stated = [
         Path(path) for path in (request.init, request.body, request.truth) if path is not None
     ]
-    inputs = [*_list_inputs(request), *(path for path in stated if path.exists())]
+    if request.captures:
+        folder = Path(request.folder)
+        inputs = [folder, folder / "background", *map(Path, request.captures), *stated]
+        inputs = [path for path in inputs if path.exists()]
+    else:
+        inputs = [*open_sequence(request).inputs, *(path for path in stated if path.exists())]
     with output_folder(request.output, request.COMMAND, inputs, (*RESULTS, "take*")):
         _live(request, method, device, number, truth)
 
@@ -124,15 +129,6 @@ def _live(
             raise result.error
         where = f"{len(result.frames)} poses are in {request.output}"
         raise InputError(f"{result.error}; {where}") from result.error
-
-
-def _list_inputs(request: LiveRequest) -> list[Path]:
-    """Return the folders and files that are read."""
-    folder = Path(request.folder)
-    if not request.captures:
-        return open_sequence(request).inputs
-    read = (folder, folder / "background", *map(Path, request.captures))
-    return [path for path in read if path.exists()]
 
 
 class TrackKeeper:

@@ -49,7 +49,7 @@ def _render(request: RenderRequest, out: OutputFolder, look: ObjectiveConfig) ->
     sequence = open_sequence(request)
     out.check_inputs(sequence.inputs)
     chosen = select_common_frames(request.frames, sequence, warn)
-    track = open_given_tracks(request.track)[0]
+    track = open_given_tracks(request)[0]
     body = track.its_body
     rows = [row for row, frame in enumerate(track.frames) if frame in chosen]
     if not rows:

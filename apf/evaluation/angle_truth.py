@@ -96,9 +96,11 @@ def _limb_frames(
     right = dict.fromkeys(turned, upright[:, 2])
     for near, far, sign in _HINGES:
         if {near, far} <= set(turned):
-            axis = sign * np.cross(_normalise(vectors[near]), _normalise(vectors[far]))
+            along = [vectors[segment] for segment in (near, far)]
+            along = [each / np.linalg.norm(each, axis=1, keepdims=True) for each in along]
+            axis = sign * np.cross(*along)
             for segment in (near, far):
-                mean = np.nanmean(_turn_back(turned[segment], axis), axis=0)
+                mean = np.nanmean(np.einsum("fij,fi->fj", turned[segment], axis), axis=0)
                 if np.linalg.norm(mean) > _BENT:
                     right[segment] = mean
     frames_of = {}
@@ -112,17 +114,8 @@ def _limb_frames(
 
 def _rest_direction(rotation: np.ndarray, vectors: np.ndarray) -> np.ndarray:
     """Return the unit direction (3,) at rest of vectors (F, 3) that turn with a bone (F, 3, 3)."""
-    mean: np.ndarray = np.nanmean(_turn_back(rotation, vectors), axis=0)
+    mean: np.ndarray = np.nanmean(np.einsum("fij,fi->fj", rotation, vectors), axis=0)
     return mean / np.linalg.norm(mean)
-
-
-def _turn_back(rotation: np.ndarray, vectors: np.ndarray) -> np.ndarray:
-    """Return vectors (F, 3) that turn with a bone (F, 3, 3) as they are at its rest."""
-    return np.einsum("fij,fi->fj", rotation, vectors)
-
-
-def _normalise(vectors: np.ndarray) -> np.ndarray:
-    return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
 
 
 def _first(bones: Mapping[str, np.ndarray], names: Any) -> np.ndarray | None:

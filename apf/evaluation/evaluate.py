@@ -239,30 +239,18 @@ def evaluate(track: Track | JointSeries, truth: JointSeries) -> Evaluation:
     common = frames, rows
     result = evaluate_points(track, truth, common, tuple(names), offsets, axes, covariance=stated)
     compared = result.joint_names
+    points = track.points if isinstance(track, Track) else track
+    our_toes, true_toes = (match_joints(of.joint_names, TOES) for of in (points, truth))
+    toes = tuple(name for name in TOES if name in our_toes and name in true_toes)
+    offsets = points.joints[rows][:, [our_toes[name] for name in toes]]
+    offsets = offsets - truth.joints[true_rows][:, [true_toes[name] for name in toes]]
+    known = np.isfinite(offsets).all(-1).any()
     return replace(
         result,
-        toes=_evaluate_toes(track, truth, (frames, rows, true_rows), axes),
+        toes=evaluate_points(track, truth, common, toes, offsets, axes) if known else None,
         unmatched_track=tuple(our_unused + [name for name in our_names if name not in compared]),
         unmatched_truth=tuple(true_unused + [name for name in true_names if name not in compared]),
     )
-
-
-def _evaluate_toes(
-    track: Track | JointSeries,
-    truth: JointSeries,
-    common: tuple[np.ndarray, np.ndarray, np.ndarray],
-    axes: np.ndarray,
-) -> Evaluation | None:
-    """Return the evaluation of the toes' tips where track and truth have them, else None. common,
-    axes: see `common_frames` and `evaluate_points`."""
-    points, (frames, rows, true_rows) = track.points if isinstance(track, Track) else track, common
-    ours, true = (match_joints(source.joint_names, TOES) for source in (points, truth))
-    names = tuple(name for name in TOES if name in ours and name in true)
-    offsets = points.joints[rows][:, [ours[name] for name in names]]
-    offsets = offsets - truth.joints[true_rows][:, [true[name] for name in names]]
-    if not np.isfinite(offsets).all(-1).any():
-        return None
-    return evaluate_points(track, truth, (frames, rows), names, offsets, axes)
 
 
 def common_frames(

@@ -239,7 +239,14 @@ class LiveCameras(Cameras):
         """The background; the first access may record it."""
         if self._known is None:
             count = max(1, round(self._empty * self.fps))
-            self._known = average_pictures(self._record_empty(count))
+            frames = [self.join(self.first_pictures())]
+            # a part, evenly spread, where all would take more than `_EMPTY_BYTES`
+            every = -(-count // max(_LEAST_EMPTY, _EMPTY_BYTES // frames[0].nbytes))
+            for number in range(1, count):
+                pictures = self.first_pictures()
+                if number % every == 0:
+                    frames.append(self.join(pictures))
+            self._known = average_pictures(frames)
         return self._known
 
     def first(self) -> Frame:
@@ -288,17 +295,6 @@ class LiveCameras(Cameras):
         except GoneError:
             return rest.with_present()
         return rest
-
-    def _record_empty(self, count: int) -> list[np.ndarray]:
-        """Return the pictures (V, H, W, 3) of the next `count` frames, of a part of them, evenly
-        spread, where all would take more than `_EMPTY_BYTES`."""
-        frames = [self.join(self.first_pictures())]
-        every = -(-count // max(_LEAST_EMPTY, _EMPTY_BYTES // frames[0].nbytes))
-        for number in range(1, count):
-            pictures = self.first_pictures()
-            if number % every == 0:
-                frames.append(self.join(pictures))
-        return frames
 
 
 class Captures(Cameras):

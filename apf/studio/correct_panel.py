@@ -36,6 +36,7 @@ FILE = "corrections.toml"
 _DRAG, _TURN, _POINT = "dragging it", "turning its limb", "clicking it in two pictures"
 _WAYS = (_DRAG, _TURN, _POINT)
 _MOVE = "move this joint"
+#: Joints that are corrected most.
 _FIRST = ("wrist", "elbow", "hand", "ankle", "knee", "foot")
 _SIZE = 0.35  # of a handle, m
 _FIRST_STEP = "Go to a frame with a joint that is wrong, and choose the joint."
@@ -93,7 +94,8 @@ class CorrectPanel:
             self._message.content = make_text(f"Open {why} to correct it.")
             self._tell()
             return
-        names = sorted(opened.track.joint_names, key=_order)
+        names = sorted(opened.track.joint_names, key=plain_name)
+        names.sort(key=lambda name: not any(word in name for word in _FIRST))
         self._joints = {plain_name(name): name for name in names}
         self.joint.options = list(self._joints)
         self.joint.value = self.joint.options[0]
@@ -257,11 +259,6 @@ class CorrectPanel:
         lines = found.describe() if found is not None else []
         self.undo.disabled = self.again.disabled = not lines
         self.list.content = make_lines(("note", line) for line in lines)
-
-
-def _order(name: str) -> tuple[bool, str]:
-    """Return a key that sorts the joints that are corrected most first."""
-    return not any(word in name for word in _FIRST), plain_name(name)
 
 
 class JointHandle:

@@ -206,16 +206,13 @@ class FilmView:
         found = list(self._pool.map(self._finder, range(len(rig)), pictures))
         seen = [Sighting(frame.index, view, *of) for view, of in enumerate(found) if of is not None]
         places = {one.view: one.pixels.mean(axis=0) for one in seen}
-        if any(self._has_moved(view, place) for view, place in places.items()):
+        if any(  # it counts again where a camera sees it elsewhere
+            view not in self._places
+            or np.linalg.norm(place - self._places[view]) > _MOVED * rig[view].size[0]
+            for view, place in places.items()
+        ):
             self._places |= places
             self.found.add(seen)
-
-    def _has_moved(self, view: int, place: np.ndarray) -> bool:
-        """Return whether a camera sees the target elsewhere than when it last counted."""
-        if view not in self._places:
-            return True
-        way = float(np.linalg.norm(place - self._places[view]))
-        return way > _MOVED * self._captures.rig[view].size[0]
 
     def _find_medians(self) -> list[np.ndarray]:
         """Return each camera's grey picture of the empty room, before which a wand is found."""

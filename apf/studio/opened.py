@@ -12,16 +12,12 @@ from typing import Any
 import numpy as np
 
 from apf.report.drawing import Figure, draw_mosaic
-from apf.report.summary import (
-    open_tracked_sequence,
-    read_summary,
-    read_tracked_config,
-    read_tracked_grid,
-)
+from apf.report.summary import SUMMARY, read_summary, read_tracked_config, read_tracked_grid
 from apf.tracking.people import PeopleTracks, holds_people, list_people
 from apf.tracking.track import Track
 from cl import Device, InputError, NumpyDevice, UserError
 from psfs.common.files import name_file_in_errors
+from psfs.output.reconstruction_folder import reopen_sequence
 from psfs.page.clouds import CarvedClouds, Opened, try_footage
 from psfs.page.nodes import box_around
 from psfs.sequence import Frame, Sequence
@@ -110,9 +106,8 @@ def open_track(
     try:
         summaries = [read_summary(place) for place in places]
         remarks += summaries[0]["warnings"]
-        sequence = try_footage(
-            lambda: open_tracked_sequence(places[0], summaries[0], int(frames[-1])), remarks
-        )
+        facts, file = summaries[0]["sequence"], places[0] / SUMMARY
+        sequence = try_footage(lambda: reopen_sequence(facts, file, int(frames[-1])), remarks)
         running = None
     except UserError as error:  # of a run that goes on, or was killed
         summaries, sequence = [], running.sequence if running is not None else None

@@ -111,10 +111,8 @@ class Page(BrowserPage):
             kind = find_kind(path)
             if self._results.is_dir():
                 self.roots.add(self._results)
-            self.close_folder()
+            self._make_room()
             self._choose_in_list(path)
-            self._message.content, self.demo_button.visible = "", False
-            self._show_empty(False)
             server, panels = self.server, (self.watching, self.pictures)
             self._line.visible = kind in ("track", "voxels")
             if kind == "track":
@@ -151,9 +149,7 @@ class Page(BrowserPage):
         """Show the live cameras in place of the folder that is open."""
         with self._lock:
             assert self._captures is not None
-            self.close_folder()
-            self._message.content, self.demo_button.visible = "", False
-            self._show_empty(False)
+            self._make_room()
             self._opened = self._folder.value = _LIVE
             self.view = FilmView(
                 self.server, self._captures, (self.watching, self.pictures),
@@ -173,12 +169,16 @@ class Page(BrowserPage):
             self.view = None
             self._line.visible = False
             self._offer()
-            self._show_empty(True)
+            for note in self._empty:
+                note.visible = True
             self._show_step("Open")
 
-    def _show_empty(self, visible: bool) -> None:
-        for note in self._empty:
-            note.visible = visible
+    def _make_room(self) -> None:
+        """Close the folder that is open, and hide what the page says while none is."""
+        self.close_folder()
+        self._message.content = ""
+        for note in (self.demo_button, *self._empty):
+            note.visible = False
 
     def _open_footage(self, sequence: Sequence) -> None:
         panels = self.watching, self.pictures
@@ -194,8 +194,7 @@ class Page(BrowserPage):
             except UserError as error:
                 self.say(error)
                 return
-            self.close_folder()
-            self._show_empty(False)
+            self._make_room()
             self._open_footage(sequence)
 
     def _choose_in_list(self, path: Path) -> None:

@@ -43,11 +43,6 @@ class TrackJob:
         return f"{take}, person {self.of_people['person']} of {self.of_people['people']}"
 
     @property
-    def seeds(self) -> list[int]:
-        """The seeds of the runs."""
-        return list_seeds(self.request)
-
-    @property
     def folders(self) -> list[Path]:
         """The folder of each seed's files; none if nothing is written."""
         out = self.request.output

@@ -190,7 +190,7 @@ def write_together(job: TrackJob, tracks: PeopleTracks, sequence: Sequence, whol
     """Write people.json; and, as the request says, the overlay and the page of all people, if the
     tracks are `whole`. With several seeds nothing: each person's folders hold a track per seed."""
     folder, line = job.request.output, job.progress
-    if len(job.seeds) > 1 or folder is None:
+    if len(job.folders) > 1 or folder is None:
         return
     from apf.report.drawing import write_overlay
     from apf.report.page import write_page

@@ -213,7 +213,7 @@ def _start(job: TrackJob, session: Session, given: GivenStart | None) -> Started
     template, keep_shape = load_template(request.body)
     settings = TakeSettings(
         method=request.method,
-        seeds=tuple(job.seeds),
+        seeds=tuple(list_seeds(request)),
         template=template,
         keep_shape=keep_shape,
         height=request.height,
