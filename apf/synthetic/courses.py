@@ -14,7 +14,7 @@ from apf.body.model import BodyModel, find_side, sideless
 from apf.body.stature import lowest_point
 from apf.synthetic.body import HAIR, PRIMITIVE_FLOATS, SHIRT, SHOE, SKIN, TROUSERS, pack_constants
 from apf.synthetic.config import SceneConfig
-from apf.synthetic.walk import Course, Path, Walk
+from apf.synthetic.walk import Path, Walk
 
 #: Mean distances, m, of the two courses from the middle of the room; people on one walk against
 #: those on the other.
@@ -39,11 +39,11 @@ def make_walks(config: SceneConfig) -> list[Walk]:
         on_course = (config.people + outer) // 2
         turn = 2 * np.pi * (number // 2 / on_course) + config.seed
         radius = _OUTER if outer else _INNER
-        course = Course(radius, _WOBBLE, turn, clockwise=not outer)
         walk = Walk.sample(int(rng.integers(2**31)), height)
         pace = 1.0 if outer else _INNER_PACE
         # All on one course walk at one speed, and so stay apart.
-        walks.append(replace(walk, course=course, speed=1.15 * pace, stride=walk.stride * pace))
+        walk = replace(walk, speed=1.15 * pace, stride=walk.stride * pace, radius=radius)
+        walks.append(replace(walk, wobble=_WOBBLE, turn=turn, clockwise=not outer, heading=None))
     return walks
 
 
