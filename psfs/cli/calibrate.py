@@ -126,7 +126,15 @@ def _print_board(request: CalibrateRequest) -> None:
 
 
 def _calibrate(request: CalibrateRequest) -> None:
-    request = _read_board_file(request)
+    if request.board is not None and request.board not in _KINDS:  # other flags beat the file
+        stated = read_board(Path(request.board))
+        request = request.replace(
+            board=stated.kind,
+            squares=request.squares or stated.squares,
+            square=stated.square if request.square is None else request.square,
+            marker=stated.marker if request.marker is None else request.marker,
+            dictionary=stated.dictionary if request.dictionary == "auto" else request.dictionary,
+        )
     boards = make_board_finders(request)
     board = boards[0] if boards else None
     views = open_uncalibrated(request.folder or Path(), request.capture)
@@ -191,21 +199,6 @@ def make_board_finders(
         CharucoFinder(request.squares, request.square, marker, request.dictionary, number * step)
         for number in range(request.boards)
     ]
-
-
-def _read_board_file(request: CalibrateRequest) -> CalibrateRequest:
-    """Return the request with what a board's file says in place of the file; other flags beat
-    it."""
-    if request.board is None or request.board in _KINDS:
-        return request
-    board = read_board(Path(request.board))
-    return request.replace(
-        board=board.kind,
-        squares=request.squares or board.squares,
-        square=board.square if request.square is None else request.square,
-        marker=board.marker if request.marker is None else request.marker,
-        dictionary=board.dictionary if request.dictionary == "auto" else request.dictionary,
-    )
 
 
 def _choose_frames(request: CalibrateRequest, views: Sequence) -> tuple[list[int], list[int]]:
