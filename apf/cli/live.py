@@ -18,7 +18,7 @@ from apf.evaluation.truth import load_people_truth
 from apf.filters.base import Estimate
 from apf.filters.method import Method
 from apf.formats.trc import JointSeries
-from apf.live.pace import Pace, PaceReporter
+from apf.live.pace import PaceReporter, expect_pace
 from apf.live.send import open_senders, parse_target
 from apf.live.session import Live, LiveResult, LiveStart, list_sizes
 from apf.live.sources import fitting_factor
@@ -99,23 +99,16 @@ def _live(
         scale=scale,
         config=request.live,
     )
-    pace = Pace(
-        live.expected_rate,
-        request.budget or source.fps,
-        live.processing_time,
-        float(live.governor.costs[live.governor.chosen]),
-        scale,
-    )
-    if pace.keeps_up:
-        stderr.print(str(pace))
-    else:
-        warn(f"{pace}; {pace.advice}")
+    wanted = request.budget or source.fps
+    keeps_up, words = expect_pace(live, wanted)
+    (stderr.print if keeps_up else warn)(words)
+    late = warn if keeps_up else None
     provenance = {**method.describe(), "device": device.name}
     keep = TrackKeeper(request.replace(method=method), live, provenance)
     bodies = [person.body for person in live.persons]
     with open_senders(request.send or (), bodies) as senders:
         live.listeners = [sender.send for sender in senders]
-        result, takes = _run(request, live, start, pace, keep)
+        result, takes = _run(request, live, start, keep, (wanted, late))
     if not result.frames:
         raise result.error or InputError("no frame was tracked; expected at least one")
     try:
@@ -202,17 +195,18 @@ def compare_with_truth(
 
 
 def _run(
-    request: LiveRequest, live: Live, start: LiveStart, pace: Pace, keep: TrackKeeper
+    request: LiveRequest, live: Live, start: LiveStart, keep: TrackKeeper, pace: tuple[float, Any]
 ) -> tuple[LiveResult, list[tuple[int, int]]]:
     """Run, with its progress on the terminal and, with --studio, on a page. Return the result, and
-    the first and last frames of takes that were recorded on the page."""
-    late = warn if pace.keeps_up else None
+    the first and last frames of takes that were recorded on the page. pace: wanted poses per second
+    and who is told that there are fewer, see `PaceReporter`."""
+    wanted, late = pace
     with ExitStack() as stack:
         if stderr.console.is_terminal:
             waiting = stderr.console.status("waiting for the first frame; Ctrl-C ends")
-            progress = PaceReporter(pace.wanted, stack.enter_context(waiting).update, None, late)
+            progress = PaceReporter(wanted, stack.enter_context(waiting).update, None, late)
         else:
-            progress = PaceReporter(pace.wanted, None, stderr.print, late)
+            progress = PaceReporter(wanted, None, stderr.print, late)
         if not request.studio:
             return live.run([keep, progress], warn), []
         from apf.studio.live import LivePage  # imports an extra
