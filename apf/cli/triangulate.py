@@ -73,7 +73,7 @@ def _triangulate(request: TrackRequest, output: Path, line: StageProgress) -> No
         people = open_people_keypoints(request.keypoints, sequence, number, warn)
     several = bool(people)
     if not several:
-        keypoints = read_keypoints(request.keypoints, sequence, line).keypoints
+        keypoints, _ = read_keypoints(request.keypoints, sequence, line)
         assert keypoints is not None
         people = [keypoints]
     frames = np.arange(len(sequence))[selection]

@@ -144,7 +144,7 @@ def finish_take(job: TrackJob, examination: Examination, take: Take) -> list[Jud
     from apf.report.drawing import write_overlay  # reports take a while to load
     from apf.report.judged import judge_track, paint_surface, write_report
 
-    request, line, session, opened = job.request, job.progress, examination.session, job.keypoints
+    request, line, session = job.request, job.progress, examination.session
     n_done, n_frames = len(take.tracks[0]), line.n_frames
     whole = not was_interrupted(take.tracks[0], n_frames)
     if whole and request.video:
@@ -154,8 +154,8 @@ def finish_take(job: TrackJob, examination: Examination, take: Take) -> list[Jud
             write_overlay(folder / OVERLAY, take.sequence, track, report)
     reasons = {fault.cameras[0]: str(fault) for fault in examination.left_out}
     of_start = take.start.doubts if take.start is not None else []
-    warnings = [*job.remarks, *opened.doubts, *of_start]
-    doubts = (*examination.remaining, *opened.doubts, *of_start)
+    warnings = [*job.remarks, *job.doubts, *of_start]
+    doubts = (*examination.remaining, *job.doubts, *of_start)
     overrides = stated_keys(request.capture)
     sequence = sequence_facts(take.sequence, job.folders[0], overrides, reasons)
     facts = {
@@ -175,7 +175,7 @@ def finish_take(job: TrackJob, examination: Examination, take: Take) -> list[Jud
         if compared:
             line.begin("checking")
         quality = judge_track(
-            session, track, partial(line, "checking"), keypoints=opened.keypoints, doubts=doubts,
+            session, track, partial(line, "checking"), keypoints=job.keypoints, doubts=doubts,
             silhouettes=compared,
         )  # fmt: skip
         quality = replace(quality, seen=job.seen)

@@ -218,7 +218,7 @@ def _start(job: TrackJob, session: Session, given: GivenStart | None) -> Started
         keep_shape=keep_shape,
         height=request.height,
         given=given,
-        keypoints=job.keypoints.keypoints,
+        keypoints=job.keypoints,
     )
     number = job.of_people.get("person")
     with explain_failed_start(sequence, number):

@@ -95,7 +95,7 @@ class TimeLine:
             "frame", 0, max(1, len(frames) - 1), 1, 0,
             hint="which frame is shown, counted from the first one of the run",
         )  # fmt: skip
-        self.button = add_button(gui, _PLAY, lambda: self._press(_PLAY), hint="key: space")
+        self.button: Any = gui.add_button(_PLAY, hint="key: space")
         self.buttons = gui.add_button_group(
             "go to", (_FIRST, _BACK, _AHEAD, _LAST),
             hint="keys: Home, J, L, End; N and P: next and previous frame to check",
@@ -105,6 +105,7 @@ class TimeLine:
             hint="times as fast as the recording; keys: Page Up, Page Down",
         )  # fmt: skip
         self.slider.on_update(self._slide)
+        self.button.on_click(lambda event: self._press(_PLAY))
         self.buttons.on_click(lambda event: self._press(event.target.value))
         self.speed.on_update(lambda event: self._set_speed(float(self.speed.value)))
         self._commands = [add_key(gui, *key) for key in self.list_keys()]
