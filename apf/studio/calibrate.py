@@ -11,7 +11,7 @@ import numpy as np
 
 from apf.studio.footage import VIEWER
 from apf.studio.target_fields import PERSON, FoundTarget, TargetFields
-from apf.studio.work import Work, WorkLine, WorkSlot, free_folder
+from apf.studio.work import Work, WorkSlot, free_folder
 from cl import UserError
 from psfs.calibration.targets.detection import (
     find_sightings,
@@ -55,7 +55,6 @@ class CalibrateView:
         self.views = open_uncalibrated(folder, SequenceSettings())
         self._server, self._results, self._known, self._use = server, results, dict(known), use
         self.found = FoundTarget(self.views.rig)
-        self.slot = WorkSlot()
         self._stopped = threading.Event()
         self._worker: threading.Thread | None = None
         self._notes: list[tuple[str, object]] = []
@@ -77,7 +76,7 @@ class CalibrateView:
                 "calibration", (_NONE, *self._known), initial_value=_NONE
             )
             self.use_button = add_button(gui, "use these cameras", self.use, disabled=True)
-        self.line = WorkLine(gui, self.slot)
+        self.slot = WorkSlot(gui)
         self.words: Any = gui.add_html("")
         with gui.add_folder("calibrate the cameras") as calibrate:
             self.target = TargetFields(gui, self._known, PERSON)
@@ -96,7 +95,7 @@ class CalibrateView:
         self.target.kind.on_update(lambda event: self._show_fields())
         key = add_key(gui, "Look for the board or wand", "F", self.search)
         self._parts: list[Any] = [
-            self._status, self._picture, self._use_folder, calibrate, self.line, self.words, key,
+            self._status, self._picture, self._use_folder, calibrate, self.slot, self.words, key,
         ]  # fmt: skip
         self._show_fields()
 
@@ -129,7 +128,7 @@ class CalibrateView:
             stated["folder"] = self.views.folder
             stated["output"] = free_folder(self._results, f"{self.views.folder.name}-cameras")
             request = CalibrateRequest.from_stated(Stated(stated))
-            self.slot.start(request, self.line.show, self._show_found)
+            self.slot.start(request, end=self._show_found)
             self._notes, self.calibrate_button.disabled = [], True
             self._tell("")
         except UserError as error:
@@ -172,7 +171,6 @@ class CalibrateView:
 
     def _show_found(self, work: Work) -> None:
         """Show what a calibration has found."""
-        self.line.show(work)
         self.calibrate_button.disabled = False
         kind = "good" if work.succeeded else "warning"
         self._notes = [classify(line, kind) for line in work.words if not line.startswith("$ ")]

@@ -17,7 +17,7 @@ from apf.studio.footage import FootageView
 from apf.studio.opened import MakeDevice, open_track
 from apf.studio.run_panel import RunPanel
 from apf.studio.watch import TrackWatch
-from apf.studio.work import Work, WorkLine, WorkSlot, free_folder
+from apf.studio.work import Work, WorkSlot, free_folder
 from cl import InputError, UserError
 from psfs.cli.program import describe
 from psfs.common.files import read_json
@@ -68,7 +68,6 @@ class Page(BrowserPage):
     ) -> None:
         self.roots, self._make_device, self._results = roots, make_device, results
         self._device, self._stopping = device, False
-        self._demo = WorkSlot()
         super().__init__("psfs-apf studio", port, self._receive)
         self._lock = threading.RLock()
         #: What is open: a folder, or the live cameras.
@@ -236,12 +235,11 @@ class Page(BrowserPage):
         output = free_folder(self._results, "demo")
         try:
             request = SynthRequest(output=output, device=self._device)
-            self._demo.start(request, self._demo_line.show, self._show_demo)
+            self._demo.start(request, end=self._show_demo)
         except UserError as error:
             self.say(error)
 
     def _show_demo(self, work: Work) -> None:
-        self._demo_line.show(work)
         if work.succeeded:
             self._show_run(work.output)
         else:
@@ -261,7 +259,7 @@ class Page(BrowserPage):
         )
         self._opened = _NOTHING
         self._message: Any = gui.add_html("")
-        self._demo_line = WorkLine(gui, self._demo)
+        self._demo = WorkSlot(gui)
         add_button(gui, "look for new folders", self.list_folders, color="gray")
         self.demo_button = add_button(
             gui, "demo walk", self.make_demo,

@@ -18,7 +18,7 @@ from apf.presets import PRESETS
 from apf.request import TrackRequest
 from apf.settings import Settings
 from apf.studio.opened import RunningTake
-from apf.studio.work import Work, WorkLine, WorkSlot, free_folder
+from apf.studio.work import Work, WorkSlot, free_folder
 from cl import InputError
 from psfs.common.config import (
     about,
@@ -156,10 +156,10 @@ class RunPanel:
         self._results, self._device, self._show, self._say = results, device, show, say
         self._sequence: Sequence | None = None
         self._volume: Callable[[], tuple[np.ndarray, np.ndarray] | None] = lambda: None
-        self._slot, self._n_shown = WorkSlot(), 0  # frames of the track so far that are shown
+        self._n_shown = 0  # frames of the track so far that are shown
         self._running: RunningTake | None = None  # of the run that was started last
         self._message = gui.add_html(make_text("Open footage to track it."))
-        self.line = WorkLine(gui, self._slot)
+        self.slot = WorkSlot(gui)
         self._status = gui.add_html("")
         self.preset = gui.add_dropdown(
             "preset", [_OURS, *PRESETS], initial_value=_OURS, hint="a paper's whole system"
@@ -178,7 +178,7 @@ class RunPanel:
     @property
     def work(self) -> Work | None:
         """The run that was started last."""
-        return self._slot.work
+        return self.slot.work
 
     def offer(
         self,
@@ -187,7 +187,7 @@ class RunPanel:
     ) -> None:
         """Offer to track a sequence, with the volume that the page states; None offers nothing."""
         self._sequence, self._volume = sequence, volume
-        self.start_button.disabled = sequence is None or self._slot.busy
+        self.start_button.disabled = sequence is None or self.slot.busy
         if sequence is None:
             words = "" if self.work is not None else "Open footage to track it."
             self._message.content = make_text(words)
@@ -225,7 +225,7 @@ class RunPanel:
         own = self._sequence
         stated = request.stated.over(Stated({"output": output}))
         self._n_shown = 0
-        work = self._slot.start(TrackRequest.from_stated(stated), self._follow, self._end)
+        work = self.slot.start(TrackRequest.from_stated(stated), self._follow, self._end)
         self._running = None
         if own is not None and own.folder == request.folder:
             self._running = RunningTake(own, request.reconstruction)
@@ -235,11 +235,11 @@ class RunPanel:
     def find_running(self, output: Path) -> RunningTake | None:
         """Return what a run reads that was started here and goes on, by its folder."""
         same = self.work is not None and self.work.output.resolve() == output.resolve()
-        return self._running if self._slot.busy and same else None
+        return self._running if self.slot.busy and same else None
 
     def close(self) -> None:
         """End the run, if one goes on, and what shows it."""
-        self._slot.close()
+        self.slot.close()
 
     def press_track(self) -> None:
         """Start a run as the panel says, if footage is open; an error is shown on the page."""
@@ -265,7 +265,6 @@ class RunPanel:
         self.start_button.disabled = self._sequence is None
 
     def _tell(self, work: Work) -> None:
-        self.line.show(work)
         ended = [("good" if work.succeeded else "warning", work.describe())] if work.ended else []
         lines = [*ended, *(classify(line, "note") for line in work.words)]
         self._status.content = make_lines(lines) + make_code(shlex.join(work.command))
