@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from apf.studio.footage import VIEWER
-from apf.studio.target_fields import PERSON, FoundTarget, TargetFields
+from apf.studio.target_fields import PERSON, TargetFields
 from apf.studio.work import Work, WorkSlot, free_folder
 from cl import UserError
 from psfs.calibration.targets.detection import (
@@ -54,7 +54,6 @@ class CalibrateView:
     ) -> None:
         self.views = open_uncalibrated(folder, SequenceSettings())
         self._server, self._results, self._known, self._use = server, results, dict(known), use
-        self.found = FoundTarget(self.views.rig)
         self._stopped = threading.Event()
         self._worker: threading.Thread | None = None
         self._notes: list[tuple[str, object]] = []
@@ -79,7 +78,7 @@ class CalibrateView:
         self.slot = WorkSlot(gui)
         self.words: Any = gui.add_html("")
         with gui.add_folder("calibrate the cameras") as calibrate:
-            self.target = TargetFields(gui, self._known, PERSON)
+            self.target = TargetFields(gui, self._known, self.views.rig, PERSON)
             self.search_button = add_button(gui, "look for the target", self.search, hint="key: F")
             self.floor = gui.add_text(
                 "on the floor", "", hint="frame in which it lies there: Z = 0"
@@ -155,11 +154,10 @@ class CalibrateView:
         self._notes = []
         try:
             finder = self.target.make_finder(lambda: median_pictures(self.views, chosen))
-            self.found.restart(finder.target.name)
             for number, found in enumerate(find_sightings(self.views, chosen, [finder]), 1):
                 if stopped.is_set():
                     return
-                self.found.add(found)
+                self.target.add(found)
                 self._tell(f"looking: {number} of {len(chosen)} frames")
                 if found:
                     self._reader.ask(found[0].frame)
@@ -192,12 +190,12 @@ class CalibrateView:
 
     def _show_pictures(self, frame: Frame) -> None:
         pictures = small_pictures(frame, self.views.rig)
-        self.found.mark(pictures, frame.index)
+        self.target.mark(pictures, frame.index)
         self._picture.image = mosaic(pictures)
 
     def _tell(self, doing: str) -> None:
         """Say what is done, found and missing."""
-        found = self.found.describe(self.target.lenses_known)
+        found = self.target.describe()
         self.words.content = make_text(doing) + found + make_lines(self._notes)
 
     def _say(self, error: object) -> None:

@@ -15,7 +15,7 @@ import numpy as np
 
 from apf.live.cameras import Captures, average_pictures
 from apf.studio.opened import MakeDevice
-from apf.studio.target_fields import FoundTarget, TargetFields
+from apf.studio.target_fields import TargetFields
 from apf.studio.work import free_folder
 from cl import Device, InputError, NumpyDevice, UserError
 from psfs.backend import make_evidence_function
@@ -68,7 +68,6 @@ class FilmView:
         self._server, self._captures = server, captures
         self._known, self._results = dict(known), results
         self._make_device, self._open_folder = make_device, open_folder
-        self.found = FoundTarget(captures.rig)
         self.person: PersonCheck | None = None
         self._empty: list[np.ndarray] = []
         self._collecting = False
@@ -106,7 +105,7 @@ class FilmView:
             gui, _RECORD, self.press_record, hint="key: R; into a new folder"
         )
         with gui.add_folder("the board or wand") as target:
-            self.target = TargetFields(gui, self._known)
+            self.target = TargetFields(gui, self._known, self._captures.rig)
         self.mode.on_update(lambda event: self._restart())
         keys = [
             add_key(gui, "The room is empty now", "M", self.learn_empty),
@@ -150,7 +149,7 @@ class FilmView:
                 self._note = "good", "the empty room is known; walk in"
         elif self.mode.value == TARGET:
             self._find_target(frame)
-            self.found.mark(pictures, frame.index)
+            self.target.mark(pictures, frame.index)
         elif self.mode.value == PERSON and self.person is not None:
             masks = self.person.examine_frame(frame)
             pictures = [
@@ -201,7 +200,6 @@ class FilmView:
         rig, pictures = self._captures.rig, self._captures.rig.crop(frame.images)
         if self._finder is None:
             self._finder = self.target.make_finder(self._find_medians)
-            self.found.restart(self._finder.target.name)
             self._places = {}
         found = list(self._pool.map(self._finder, range(len(rig)), pictures))
         seen = [Sighting(frame.index, view, *of) for view, of in enumerate(found) if of is not None]
@@ -212,7 +210,7 @@ class FilmView:
             for view, place in places.items()
         ):
             self._places |= places
-            self.found.add(seen)
+            self.target.add(seen)
 
     def _find_medians(self) -> list[np.ndarray]:
         """Return each camera's grey picture of the empty room, before which a wand is found."""
@@ -249,7 +247,7 @@ class FilmView:
         """Say what is done, and what of the target, or of the person, was seen."""
         found, line = "", self._note
         if self.mode.value == TARGET:
-            found = self.found.describe(self.target.lenses_known)
+            found = self.target.describe()
         elif self.mode.value == PERSON and self.person is not None:
             found = self.person.describe()
         if self._collecting:

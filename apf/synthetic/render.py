@@ -266,9 +266,6 @@ class SyntheticScene:
         self._palettes = make_palettes(config.seed, config.people)
         self._empty = self.renderer.room.get()
 
-    def __len__(self) -> int:
-        return self.config.frames
-
     @property
     def roamer(self) -> Roamer | None:
         """The body that goes about in place of a person."""
