@@ -131,7 +131,6 @@ def _write_people(folder: Path, evaluation: PeopleEvaluation, wanted: list[str])
     ):
         if errors is not None:
             subfolder = person_folder(folder, int(number) + 1)
-            subfolder.mkdir(parents=True, exist_ok=True)
             written += _write_files(subfolder, errors, wanted, f"{subfolder.name} against {name}")
     if "json" in wanted:
         written.append(folder / "evaluation.json")

@@ -33,7 +33,6 @@ def run(request: ExportRequest) -> None:
         for number, (track, seen) in enumerate(zip(tracks, tracks.seen, strict=True), start=1):
             into = person_folder(folder, number) if several else folder
             if several:
-                into.mkdir(parents=True, exist_ok=True)
                 stdout.print(f"{into.name}:")
             written = export(
                 track, into, request.to, axes=request.axes, smoothing=request.smoothing,

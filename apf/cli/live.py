@@ -160,9 +160,7 @@ class TrackKeeper:
         live, output, provenance = self._live, self._request.output, self._provenance
         for number, take in enumerate(takes, start=1):
             if recorded := make_tracks(live, result, take, provenance):
-                folder = output / f"take{number}"
-                folder.mkdir(parents=True, exist_ok=True)
-                write_people(folder, PeopleTracks.of(*recorded))
+                write_people(output / f"take{number}", PeopleTracks.of(*recorded))
         write_settings(output, self._request, ["method", "live"])
         tracks = make_tracks(live, result, (0, result.frames[-1]), provenance)
         write_people(output, PeopleTracks.of(*tracks))

@@ -82,7 +82,6 @@ def _triangulate(request: TrackRequest, output: Path, line: StageProgress) -> No
         tracks = [triangulate_track(sequence, p, request.triangulated, selection) for p in people]
         for number, track in enumerate(tracks, start=1):
             folder = person_folder(output, number) if several else output
-            folder.mkdir(parents=True, exist_ok=True)
             for name in RESULTS[:3]:
                 track.save(folder / name)
         seen = tuple(find_seen_frames(keypoints, frames) for keypoints in people)

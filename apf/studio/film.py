@@ -239,9 +239,7 @@ class FilmView:
         for number, images in enumerate([] if self._collecting else self._empty):
             cropped = self._captures.rig.crop(images)
             for name, picture in zip(names, cropped, strict=True):
-                place = folder / "background" / name
-                place.mkdir(parents=True, exist_ok=True)
-                write_picture(place / f"{number:03d}.png", picture)
+                write_picture(folder / "background" / name / f"{number:03d}.png", picture)
 
     def _tell(self) -> None:
         """Say what is done, and what of the target, or of the person, was seen."""

@@ -82,7 +82,6 @@ def generate(
 def _write_masks(folder: Path, cameras: list[str], index: int, shown: Masks) -> None:
     """Write a frame's masks (V, H, W) of each kind into its folder."""
     for kind, masks in shown.items():
-        (folder / kind).mkdir(exist_ok=True)
         for camera, mask in zip(cameras, masks, strict=True):
             write_picture(folder / kind / f"{camera}_{index:06d}.png", mask)
 
@@ -106,7 +105,6 @@ def write_truth(folder: Path, scene: SyntheticScene) -> None:
 def _open_videos(folder: Path, scene: SyntheticScene) -> Iterator[Callable[[np.ndarray], None]]:
     """Open one video per camera; yield a function that writes images (V, H, W, 3) uint8 BGR to
     them."""
-    folder.mkdir()
     with ExitStack() as stack:
         paths = [folder / f"{camera.name}.mp4" for camera in scene.rig]
         videos = [  # at a quality that keeps the noise

@@ -115,14 +115,12 @@ def write_files(folder: Path, track: Track, body: BodyModel) -> None:
 def write_people(folder: Path, tracks: PeopleTracks) -> list[Path]:
     """Write the files of each track, see `write_files`: of one into `folder`, of several into a
     folder for each in it, beside people.json. Return the folders."""
-    if len(tracks) == 1:
-        write_files(folder, tracks[0], tracks[0].its_body)
-        return [folder]
-    folders = [person_folder(folder, number) for number in range(1, len(tracks) + 1)]
+    several, numbers = len(tracks) > 1, range(1, len(tracks) + 1)
+    folders = [person_folder(folder, number) for number in numbers] if several else [folder]
     for track, into in zip(tracks, folders, strict=True):
-        into.mkdir(parents=True, exist_ok=True)
         write_files(into, track, track.its_body)
-    tracks.save_list(folder)
+    if several:
+        tracks.save_list(folder)
     return folders
 
 
