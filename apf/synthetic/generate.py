@@ -27,7 +27,6 @@ BACKGROUND_FRAMES = 30
 MASK_STEP = 10
 #: A folder with this file was written by us and may be replaced.
 MARK = "synthetic.toml"
-Masks = dict[str, np.ndarray]
 _RESULTS = (
     "calibration.toml",
     "videos/cam*",
@@ -68,7 +67,9 @@ def generate(
                 if i % MASK_STEP == 0:
                     shown = {"truth_masks": np.where(numbers > 0, np.uint8(255), np.uint8(0))}
                     shown |= {"truth_masks_people": numbers} if config.people > 1 else {}
-                    _write_masks(temporary, scene.rig.names, i, shown)
+                    for kind, masks in shown.items():
+                        for camera, mask in zip(scene.rig.names, masks, strict=True):
+                            write_picture(temporary / kind / f"{camera}_{i:06d}.png", mask)
                 if progress is not None:
                     progress(i + 1, config.frames)
         write_truth(temporary, scene)
@@ -77,13 +78,6 @@ def generate(
             write_pose(temporary / "start.txt", roamer.poses[0], roamer.body)
         stated = {name: of for name, of in config.to_dict().items() if of is not None}
         write_toml(temporary / MARK, {"synthetic": stated})
-
-
-def _write_masks(folder: Path, cameras: list[str], index: int, shown: Masks) -> None:
-    """Write a frame's masks (V, H, W) of each kind into its folder."""
-    for kind, masks in shown.items():
-        for camera, mask in zip(cameras, masks, strict=True):
-            write_picture(folder / kind / f"{camera}_{index:06d}.png", mask)
 
 
 def write_truth(folder: Path, scene: SyntheticScene) -> None:
