@@ -136,25 +136,18 @@ def evaluate_angles(track: Track, path: Path) -> list[AngleError]:
     joints, _, _ = evaluated_joints(series.joint_names, series.joints)
     angles = angles_between(_true_frames(rotations, joints))
     _, rows, true_rows = np.intersect1d(track.frames, series.frames, return_indices=True)
-    measured = (
-        measure_angle(name, ours[rows], angles[name][true_rows])
-        for name, ours in track.angles.items()
-        if name in angles
-    )
-    return [error for error in measured if error is not None]
-
-
-def measure_angle(name: str, ours: np.ndarray, truth: np.ndarray) -> AngleError | None:
-    """Return the error of an angle (F,), degrees; None if it is known in no frame."""
-    off = (ours - truth + 180) % 360 - 180
-    off = off[np.isfinite(off)]
-    if not off.size:
-        return None
-    # the mean of angles that may lie on both sides of half a turn
-    mean = np.degrees(np.angle(np.exp(1j * np.radians(off)).mean()))
-    rest = (off - mean + 180) % 360 - 180
-    rms, free = (float(np.sqrt(np.mean(errors**2))) for errors in (off, rest))
-    return AngleError(name, rms, free, int(off.size))
+    errors = []
+    for name, ours in track.angles.items():
+        off = ours[rows] - angles[name][true_rows] if name in angles else np.zeros(0)
+        off = (off[np.isfinite(off)] + 180) % 360 - 180
+        if not off.size:
+            continue
+        # the mean of angles that may lie on both sides of half a turn
+        mean = np.degrees(np.angle(np.exp(1j * np.radians(off)).mean()))
+        rest = (off - mean + 180) % 360 - 180
+        rms, free = (float(np.sqrt(np.mean(each**2))) for each in (off, rest))
+        errors.append(AngleError(name, rms, free, int(off.size)))
+    return errors
 
 
 def mean_error(errors: Sequence[AngleError]) -> tuple[float, float]:

@@ -75,7 +75,14 @@ class BodyNodes:
         self._colours = colours
         self._place_joints(track.joints[row])
         self.skeleton.colors = np.repeat(figure.colour_edges(row)[:, None], 2, axis=1)
-        self._show_trails(row, trail_rows)
+        past = track.joints[max(0, row - trail_rows) : row + 1][:, self.ends].astype(np.float32)
+        if len(past) < 2 or not self.ends or not self.with_trails:
+            self.trails.visible = False
+            return
+        lines = np.stack([past[:-1], past[1:]], axis=2).reshape(-1, 2, 3)
+        colours = np.tile(figure.colour_joints(self.ends), (len(past) - 1, 1))
+        self.trails.points, self.trails.visible = lines, True
+        self.trails.colors = np.repeat(colours[:, None], 2, axis=1)
 
     def set_visible(self, shown: bool) -> None:
         """Show or hide the whole body."""
@@ -94,13 +101,3 @@ class BodyNodes:
     def _place_joints(self, joints: np.ndarray) -> None:
         self.skeleton.points = joints[self._track.edges].astype(np.float32)
         self.joints.points = joints.astype(np.float32)
-
-    def _show_trails(self, row: int, rows: int) -> None:
-        past = self._track.joints[max(0, row - rows) : row + 1][:, self.ends].astype(np.float32)
-        if len(past) < 2 or not self.ends or not self.with_trails:
-            self.trails.visible = False
-            return
-        lines = np.stack([past[:-1], past[1:]], axis=2).reshape(-1, 2, 3)
-        colours = np.tile(self.figure.colour_joints(self.ends), (len(past) - 1, 1))
-        self.trails.points, self.trails.visible = lines, True
-        self.trails.colors = np.repeat(colours[:, None], 2, axis=1)

@@ -84,7 +84,12 @@ def _report(
     masked = np.ma.masked_invalid(scores)
     stdout.print(iou_table("IoU with the frames' silhouettes", names, masked))
     if clouds:
-        stdout.print(_format_truth(clouds))
+        means = mean_scores(clouds)
+        mean = {name: "-" if of is None else f"{of:.3f}" for name, of in means.items()}
+        stdout.print(
+            f"true masks of {len(clouds)} frames: IoU {mean['iou']}, with true silhouettes "
+            f"{mean['ceiling']}; share of ghosts {mean['ghosts']}; IoU of voxels {mean['volume']}"
+        )
     left_out: dict[str, str] = run.summary["sequence"].get("left_out", {})
     disagreeing = left_out | {fault.cameras[0]: str(fault) for fault in bad}
     for text in (*disagreeing.values(), *comments):
@@ -107,15 +112,6 @@ def _report(
         report["truth"] = {"definition": CLOUD_DEFINITION, "frames": len(clouds)}
         report["truth"] |= mean_scores(clouds)
     write_json(run.out / _REPORT, report)
-
-
-def _format_truth(clouds: list[CloudScore]) -> str:
-    """Return a line with the clouds' scores."""
-    mean = {name: "-" if of is None else f"{of:.3f}" for name, of in mean_scores(clouds).items()}
-    return (
-        f"true masks of {len(clouds)} frames: IoU {mean['iou']}, with true silhouettes "
-        f"{mean['ceiling']}; share of ghosts {mean['ghosts']}; IoU of voxels {mean['volume']}"
-    )
 
 
 def iou_table(title: str, names: list[str], scores: np.ma.MaskedArray) -> Table:

@@ -57,18 +57,14 @@ def write_native(sequence: Sequence, folder: Path) -> None:
         _copy(footage.masks, sequence.rig.names, folder / "masks")
     if footage.background:
         _copy(footage.background, sequence.rig.names, folder / "background")
-    write_toml(folder / "sequence.toml", _settings(sequence))
-
-
-def _settings(sequence: Sequence) -> dict[str, object]:
-    """Return the settings that the files do not state themselves."""
     values = {key: getattr(sequence.settings, key) for key in _COPIED_SETTINGS}
-    media = sequence.footage.images or sequence.footage.masks or ()
+    media = footage.images or footage.masks or ()
     if values["fps"] is None and not any(item.fps for item in media):
         values["fps"] = sequence.fps
     if sequence.volume is not None:
         values["volume"] = np.array(sequence.volume).tolist()
-    return {key: value for key, value in values.items() if value is not None}
+    stated = {key: value for key, value in values.items() if value is not None}
+    write_toml(folder / "sequence.toml", stated)
 
 
 def _copy(media: Items[Media], names: Items[str], folder: Path) -> None:

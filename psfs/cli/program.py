@@ -344,7 +344,8 @@ def exit_code(program: str, run: Callable[[], None]) -> int:
         if hasattr(stream, "reconfigure"):  # for LANG=C and paths that are not UTF-8
             stream.reconfigure(errors="backslashreplace")
     try:
-        with _interrupt_on_signals():
+        main = threading.current_thread() is threading.main_thread()  # signals come to it alone
+        with handle_signals(interrupt, _ENDING) if main else contextlib.nullcontext():
             run()
         sys.stdout.flush()
         return DONE
@@ -391,13 +392,6 @@ def describe_user_error(error: Exception) -> str | None:
     cv2 = sys.modules.get("cv2")  # an error of OpenCV's comes from an imported OpenCV
     opencv = cv2 is not None and isinstance(error, cv2.error) and error.code == cv2.Error.StsNoMem
     return short if isinstance(error, MemoryError) or unmapped or opencv else None
-
-
-def _interrupt_on_signals() -> contextlib.AbstractContextManager[None]:
-    """Raise KeyboardInterrupt inside, in the main thread, on the signals of `_ENDING`."""
-    if threading.current_thread() is not threading.main_thread():
-        return contextlib.nullcontext()
-    return handle_signals(interrupt, _ENDING)
 
 
 def _say(text: str) -> None:

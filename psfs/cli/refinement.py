@@ -43,12 +43,7 @@ def refine(request: CalibrateRequest) -> None:
             "somebody who moves arms and legs, in pictures that show the whole person"
         )
     accepted = found.is_accepted()
-    cameras = found.rig if accepted else session.rig
-    _write(request, CameraRig(tuple(cameras)), found, accepted)
-
-
-def _write(request: CalibrateRequest, rig: CameraRig, found: Alignment, accepted: bool) -> None:
-    out = request.output or Path()
+    rig, out = CameraRig(tuple(found.rig if accepted else session.rig)), request.output or Path()
     verdict = str(found) if accepted else (
         f"the given cameras are kept: with corrected ones the silhouettes of held-out frames "
         f"differ by {found.after:.2f} px instead of {found.before:.2f}, in pictures of "
