@@ -42,8 +42,17 @@ Truth = dict[str, JointSeries]
 
 def run(request: LiveRequest) -> None:
     check_start(request, request.truth)
-    _check_flags(request)
+    for text in request.send or ():
+        parse_target(text)
     method = request.method
+    if method.objective == "keypoints":
+        raise InputError(
+            "--objective keypoints: apf live reads none; expected voxels or image features"
+        )
+    if request.captures:
+        request.refuse(["frames"], "applies only to a recording; expected none with --captures")
+    else:
+        request.refuse(["empty"], "applies only to --captures; expected them with it")
     # The frames are not evenly spaced, and `Live` predicts the motion itself.
     noise = method.filter.search.noise
     if method.uses_voxels and not request.states_noise:
@@ -216,19 +225,6 @@ def _run(
         return live.run([keep, progress, page], warn), page.takes
 
 
-def _check_flags(request: LiveRequest) -> None:
-    for text in request.send or ():
-        parse_target(text)
-    if request.method.objective == "keypoints":
-        raise InputError(
-            "--objective keypoints: apf live reads none; expected voxels or image features"
-        )
-    if request.captures:
-        request.refuse(["frames"], "applies only to a recording; expected none with --captures")
-    else:
-        request.refuse(["empty"], "applies only to --captures; expected them with it")
-
-
 def make_tracks(
     live: Live, result: LiveResult, take: tuple[int, int], provenance: dict[str, Any]
 ) -> list[Track]:
@@ -251,7 +247,7 @@ def make_tracks(
         build_track(
             person.body, live.source.fps, frames, [pad(found[row]) for row in rows], provenance
         ).judged
-        for person, found in zip(live.persons, result.list_estimates(), strict=True)
+        for person, found in zip(live.persons, zip(*result.estimates, strict=True), strict=True)
         if rows
     ]
 

@@ -234,7 +234,12 @@ def evaluate(track: Track | JointSeries, truth: JointSeries) -> Evaluation:
     frames, rows, true_rows = common_frames(track, truth)
     columns = [EVALUATED_JOINTS.index(name) for name in names]
     offsets = ours[rows][:, columns] - true[true_rows][:, columns]
-    stated = _reported_covariance(track, tuple(names))[rows]
+    stated = np.full((len(rows), len(names), 3, 3), np.nan)
+    if isinstance(track, Track):
+        reported = match_joints(track.joint_names)
+        for j, name in enumerate(names):
+            if name in reported:
+                stated[:, j] = track.covariance[rows, reported[name]]
     axes = _body_frames(true[true_rows])
     common = frames, rows
     result = evaluate_points(track, truth, common, tuple(names), offsets, axes, covariance=stated)
@@ -326,17 +331,6 @@ def _read_flags(
             flagged[:, j] = gone[:, columns[name]]
     shares = zip(limb_names(track.body), limbs.mean(axis=0).tolist(), strict=True)
     return track.lost[rows], flagged, {name: share for name, share in shares if share}
-
-
-def _reported_covariance(track: Track | JointSeries, names: tuple[str, ...]) -> np.ndarray:
-    """Return the covariance (F, J, 3, 3), m^2, that the track reports for these joints."""
-    columns = match_joints(track.joint_names)
-    stated = np.full((len(track.frames), len(names), 3, 3), np.nan)
-    if isinstance(track, Track):
-        for j, name in enumerate(names):
-            if name in columns:
-                stated[:, j] = track.covariance[:, columns[name]]
-    return stated
 
 
 def _body_frames(joints: np.ndarray) -> np.ndarray:

@@ -30,18 +30,6 @@ if TYPE_CHECKING:
 _POINT, _SHADE = (0, 230, 120), 0.45
 
 
-def _shade(picture: np.ndarray, cells: np.ndarray) -> None:
-    """Darken the cells (6, 8) of a picture (h, w, 3) uint8 in which nothing was found."""
-    height, width = picture.shape[:2]
-    columns, rows = CELLS
-    for row, column in np.argwhere(~cells).tolist():
-        part = picture[
-            row * height // rows : (row + 1) * height // rows,
-            column * width // columns : (column + 1) * width // columns,
-        ]
-        part[:] = (_SHADE * part).astype(np.uint8)
-
-
 CHARUCO, CHESSBOARD, WAND, PERSON = "ChArUco board", "chessboard", "wand", "somebody who walks"
 _BOARDS = {CHARUCO: "charuco", CHESSBOARD: "chessboard"}
 _NONE = "not known"
@@ -121,7 +109,10 @@ class TargetFields:
         frame, by its number, larger; and darken the parts in which nothing was found."""
         for view, (picture, camera) in enumerate(zip(pictures, self._rig, strict=True)):
             if self.coverage:
-                _shade(picture, self.coverage[view].cells)
+                sides = zip(picture.shape, CELLS[::-1], strict=False)
+                cells = np.ix_(*(np.arange(side) * count // side for side, count in sides))
+                dark = ~self.coverage[view].cells[cells]
+                picture[dark] = (_SHADE * picture[dark]).astype(np.uint8)
             scale = picture.shape[1] / camera.size[0]
             for sighting in self.sightings:
                 if sighting.view == view:
