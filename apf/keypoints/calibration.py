@@ -123,5 +123,4 @@ def _find_lowest(feet: np.ndarray) -> np.ndarray:
     seen = feet[np.any(np.all(np.isfinite(feet), axis=-1), axis=1)]
     if len(seen) < 3:
         raise InputError("the feet are seen too seldom; expected the whole person")
-    heights = np.where(np.isfinite(seen[..., 2]), seen[..., 2], np.inf)
-    return np.asarray(seen[np.arange(len(seen)), heights.argmin(axis=1)])
+    return np.asarray(seen[np.arange(len(seen)), np.nanargmin(seen[..., 2], axis=1)])

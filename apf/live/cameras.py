@@ -115,8 +115,14 @@ class LiveCamera:
 
     def _grab(self) -> None:
         while not self._stop.is_set():
-            if self._is_file:
-                self._wait_turn()
+            if self._is_file:  # wait until its next picture is due or requested
+                with self._condition:
+                    self._condition.wait_for(
+                        lambda: self._began or self._wanted > self._count or self._stop.is_set()
+                    )
+                if self._began is not None:
+                    due = self._began[0] + (self._count - self._began[1]) / self.fps
+                    time.sleep(max(0.0, due - time.perf_counter()))
             came, image = self._capture.read()
             with self._condition:
                 if came:
@@ -128,17 +134,6 @@ class LiveCamera:
                 return
             if not came and not self._stop.wait(_RETRY):
                 self._capture.open(self._where)
-
-    def _wait_turn(self) -> None:
-        """Wait until a file's next picture is due or requested."""
-        with self._condition:
-            self._condition.wait_for(
-                lambda: self._began is not None or self._wanted > self._count or self._stop.is_set()
-            )
-        if self._began is not None:
-            begin, first = self._began
-            due = begin + (self._count - first) / self.fps
-            time.sleep(max(0.0, due - time.perf_counter()))
 
 
 class Cameras:
