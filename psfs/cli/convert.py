@@ -50,13 +50,11 @@ def write_native(sequence: Sequence, folder: Path) -> None:
     """
     write_toml_tables(folder / "calibration.toml", sequence.rig)
     footage = sequence.footage
-    if footage.images:
-        kind = "videos" if footage.images[0].is_video else "images"
-        _copy(footage.images, sequence.rig.names, folder / kind)
-    if footage.masks:
-        _copy(footage.masks, sequence.rig.names, folder / "masks")
-    if footage.background:
-        _copy(footage.background, sequence.rig.names, folder / "background")
+    pictures = "videos" if footage.images and footage.images[0].is_video else "images"
+    kinds = {pictures: footage.images, "masks": footage.masks, "background": footage.background}
+    for kind, of_kind in kinds.items():
+        if of_kind:
+            _copy(of_kind, sequence.rig.names, folder / kind)
     values = {key: getattr(sequence.settings, key) for key in _COPIED_SETTINGS}
     media = footage.images or footage.masks or ()
     if values["fps"] is None and not any(item.fps for item in media):

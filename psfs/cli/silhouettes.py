@@ -45,7 +45,9 @@ def _show(request: SilhouettesRequest, opened: OutputFolder) -> None:
     session = synchronise(Session(open_sequence(request), device, settings))
     sequence = session.sequence
     opened.check_inputs([*sequence.inputs, sequence.folder / TRUE_MASKS])
-    wanted = _select_frames(request, sequence)
+    wanted = sorted(select_common_frames(request.frames, sequence, warn))
+    if request.frames is None:
+        wanted = truth_frames(sequence) or pick_evenly(len(sequence), SHOWN).tolist()
     scores: dict[int, np.ndarray] = {}  # (V, 4) of each frame that was shown
     try:
         with progress_bar() as bar:
@@ -63,14 +65,6 @@ def _show(request: SilhouettesRequest, opened: OutputFolder) -> None:
             write_settings(out, request, ["reconstruction"])
             stdout.print(_table(sequence.rig.names, stack))
             stdout.print(f"wrote {out}")
-
-
-def _select_frames(request: SilhouettesRequest, sequence: Sequence) -> list[int]:
-    """Return the numbers of the frames to show, ascending. Raises InputError if there is none."""
-    chosen = select_common_frames(request.frames, sequence, warn)
-    if request.frames is not None:
-        return sorted(chosen)
-    return truth_frames(sequence) or pick_evenly(len(sequence), SHOWN).tolist()
 
 
 def _report(
