@@ -86,29 +86,20 @@ class BatchReport(AbstractContextManager["BatchReport"]):
             text = describe(outcome)
             self._failed[name] = TakeRow(name, status="failed", error=text)
             text = f"failed: {text}"
-        self._remove_lines(name)
+        for task in [task for task in self._lines if task.split("/")[0] == name]:
+            self._bar.remove_task(self._lines.pop(task))
         stderr.print(f"{name}: {text}")
-        self._bar.update(self._all, advance=1, description=self._describe_progress())
-        if time.monotonic() > self._written + _APART:
-            self._write()
-
-    def _describe_progress(self) -> str:
-        """Return the number of failed takes, and the time left, which the bar cannot estimate for
-        takes of minutes."""
         words = ["takes"]
         if self._failed:
             words.append(f"{len(self._failed)} failed")
         computed = len(self._done) + len(self._failed) - self._n_kept
         left = len(self._names) - self._n_kept - computed
-        if computed and left:
+        if computed and left:  # which the bar cannot estimate for takes of minutes
             seconds = (time.monotonic() - self._begun) / computed * left
             words.append(f"about {seconds / 60:.0f} min left" if seconds > 90 else "soon done")
-        return ", ".join(words)
-
-    def _remove_lines(self, name: str) -> None:
-        """Remove the lines of a take and of its chunks."""
-        for task in [task for task in self._lines if task.split("/")[0] == name]:
-            self._bar.remove_task(self._lines.pop(task))
+        self._bar.update(self._all, advance=1, description=", ".join(words))
+        if time.monotonic() > self._written + _APART:
+            self._write()
 
     def raise_failures(self) -> None:
         """Raise InputError if a take failed."""

@@ -184,7 +184,13 @@ def join_chunks(progress: TaskProgress, job: TakeJob, chunks: Sequence[TakeJob])
             track = Track.open(chunk.out)
             if find_seam(tracks[-1], track).distance > _AGREEMENT:
                 print(f"{chunk.name}: does not agree with the part before; tracked again")
-                track = _track_chunk_from(progress, chunk, tracks[-1])
+                frames = chunk.request.frames
+                assert frames is not None
+                before, pose = tracks[-1], chunk.out.parent / f"{chunk.out.name}.txt"
+                row = before.frames.tolist().index(frames.start)
+                write_pose(pose, before.poses[row], before.its_body)
+                process_take(progress, replace(chunk, request=chunk.request.replace(init=pose)))
+                track = Track.open(chunk.out)
             tracks.append(track)
         whole, seams = join_tracks(tracks)
         apart = ", ".join(f"{json_number(1000 * s.distance, 1)} at {s.frame}" for s in seams)
@@ -206,17 +212,3 @@ def join_chunks(progress: TaskProgress, job: TakeJob, chunks: Sequence[TakeJob])
         done = write_take(progress, job, write, parts=apart)
         shutil.rmtree(chunks[0].out.parent, ignore_errors=True)
         return done
-
-
-def _track_chunk_from(progress: TaskProgress, chunk: TakeJob, before: Track) -> Track:
-    """Track a chunk from the pose that the chunk before it has in its first frame; return the
-    track."""
-    frames = chunk.request.frames
-    assert frames is not None
-    first = frames.start
-    rows = np.flatnonzero(before.frames == first)
-    pose = chunk.out.parent / f"{chunk.out.name}.txt"
-    write_pose(pose, before.poses[rows[0]], before.its_body)
-    again = replace(chunk, request=chunk.request.replace(init=pose))
-    process_take(progress, again)
-    return Track.open(again.out)

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 from apf.cli import export
@@ -57,13 +57,10 @@ class TakeJob:
 
 @dataclass(frozen=True)
 class TakeDone:
-    """The result of a take: the rows of its tracks. kept: it was finished by an earlier run.
-    seconds: duration of each stage. core_seconds: CPU time of the process."""
+    """The result of a take: the rows of its tracks. kept: it was finished by an earlier run."""
 
     rows: tuple[TakeRow, ...]
     kept: bool
-    seconds: Mapping[str, float] = field(default_factory=dict)
-    core_seconds: Mapping[str, float] = field(default_factory=dict)
 
 
 def find_finished(job: TakeJob) -> TakeDone | None:
@@ -118,16 +115,17 @@ def write_take(
         progress.begin("writing")
         facts |= {"device": device.name, "worker": progress.worker}
         facts |= {"took": round(time.monotonic() - began, 2)}
-        rows = tuple(
-            row
-            for done, errors in zip(everybody, compare_with_truth(everybody), strict=True)
-            for row in _write_rows(job, done, errors, facts)
-        )
+        rows: list[TakeRow] = []  # one for each person and seed
+        for done, errors in zip(everybody, compare_with_truth(everybody), strict=True):
+            own, take = seed_folders(job.request, done.folder or job.out), done.take
+            for track, error, folder in zip(take.tracks, errors, own, strict=True):
+                write_thumbnail(folder, take, track)
+                name = "/".join((job.name, *folder.relative_to(job.out).parts))
+                rows.append(TakeRow.summarise(name, folder, take, track, error, **facts))
         written = [path for path in list_files(job.out) if path.name != MANIFEST]
         outputs, values = describe_files(job.out, written), tuple(map(asdict, rows))
         replace(record, outputs=outputs, rows=values).write(job.out)
-    progress.end()
-    return TakeDone(rows, False, dict(progress.seconds), dict(progress.core_seconds))
+    return TakeDone(tuple(rows), kept=False)
 
 
 def compare_with_truth(
@@ -147,19 +145,3 @@ def compare_with_truth(
                 found = evaluate_tracks(tracks, seen, path)
         by_seed.append(found)
     return [list(of) for of in zip(*by_seed, strict=True)]
-
-
-def _write_rows(
-    job: TakeJob,
-    done: FinishedTake,
-    errors: Sequence[Evaluation | None],
-    facts: Mapping[str, object],
-) -> list[TakeRow]:
-    """Return the rows of the tracks of a person, one per seed, and write their thumbnails."""
-    rows, take = [], done.take
-    folders = seed_folders(job.request, done.folder or job.out)
-    for track, error, folder in zip(take.tracks, errors, folders, strict=True):
-        write_thumbnail(folder, take, track)
-        name = "/".join((job.name, *folder.relative_to(job.out).parts))
-        rows.append(TakeRow.summarise(name, folder, take, track, error, **facts))
-    return rows

@@ -44,7 +44,12 @@ def _calibrate(request: CalibrateRequest) -> None:
     for note in keypoints.notes:
         remark("note", "cyan", note)
     found = calibrate_by_keypoints(large, keypoints, views.fps, config)
-    rig, calibration = found.rig, _as_person_calibration(found)
+    middle = np.nanmedian(found.points, axis=1)[:, :2]
+    path = measure_path(middle[np.isfinite(middle).all(axis=1)])
+    count, residual = np.isfinite(found.points).all(axis=-1).sum(), np.median(found.errors)
+    rig, calibration = found.rig, PersonCalibration(
+        found.rig, found.lags, float(residual), int(count), found.errors, path, levelled=False
+    )  # fmt: skip
     verdict = f"keypoints are {found.errors.max():.2f} px off at most (median of a camera)"
     if request.silhouettes:
         try:
@@ -67,14 +72,3 @@ def _adjust(
     start = transfer_poses(small, large, found.rig)
     calibration = adjust_calibration(start, found.lags, outlines, edges, views.fps, config)
     return transfer_poses(large, small, calibration.rig), calibration
-
-
-def _as_person_calibration(found: PointCalibration) -> PersonCalibration:
-    """Return what the keypoints say as a calibration by a person, misfits in px of the pictures."""
-    count = int(np.isfinite(found.points).all(axis=-1).sum())
-    middle = np.nanmedian(found.points, axis=1)[:, :2]
-    path = measure_path(middle[np.isfinite(middle).all(axis=1)])
-    residual = float(np.median(found.errors))
-    return PersonCalibration(
-        found.rig, found.lags, residual, count, found.errors, path, levelled=False
-    )

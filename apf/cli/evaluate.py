@@ -6,12 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from apf.evaluation.angle_truth import (
-    AngleError,
-    evaluate_angles,
-    load_true_angles,
-    mean_error,
-)
+from apf.evaluation.angle_truth import AngleError, evaluate_angles, mean_error
 from apf.evaluation.conventions import axes_that_fit, choose_convention
 from apf.evaluation.evaluate import LOST_FRAMES, LOST_JOINT, Evaluation, evaluate
 from apf.evaluation.evaluation_plot import write_plot
@@ -62,7 +57,8 @@ def run(request: EvaluateRequest) -> None:
         shown = ", ".join(f"{k} {v}" for k, v in tracks[0].smoothing.items() if v is not None)
         stdout.print(f"the track was smoothed: {shown}")
     folder = request.output or (request.track if request.track.is_dir() else request.track.parent)
-    wanted = _select_files(request)
+    chosen = {"csv": request.csv, "plot": request.plot, "json": request.json_file}
+    wanted = [kind for kind, on in chosen.items() if on] or list(chosen)
     with output_folder(folder, request.COMMAND, addition=True, replaces=True):
         if isinstance(evaluation, Evaluation):
             title = f"{resolve_path(request.track).name} against {request.truth[0].name}"
@@ -97,8 +93,8 @@ def _evaluate_one(
             )
     evaluation = evaluate(track, truth)
     by_index = request.truth_start is None and truth.at_rate(track.fps) is truth
-    if by_index and (true_angles := load_true_angles(path)) is not None:
-        evaluation = replace(evaluation, angles=tuple(evaluate_angles(track, true_angles)))
+    if by_index:
+        evaluation = replace(evaluation, angles=tuple(evaluate_angles(track, path)))
     return evaluation, axes_that_fit([(track, truth)], evaluation.mean_error, convention)
 
 
@@ -126,12 +122,6 @@ def _read_truth(request: EvaluateRequest, fps: float) -> tuple[dict[str, JointSe
     return truth, convention
 
 
-def _select_files(request: EvaluateRequest) -> list[str]:
-    """Return the kinds of files that the flags ask for, all without such flags."""
-    chosen = {"csv": request.csv, "plot": request.plot, "json": request.json_file}
-    return [kind for kind, on in chosen.items() if on] or list(chosen)
-
-
 def _write_people(folder: Path, evaluation: PeopleEvaluation, wanted: list[str]) -> list[Path]:
     """Write the `wanted` files of each person into a folder of their own in `folder`, and the
     figures of all; return the files."""
@@ -141,7 +131,6 @@ def _write_people(folder: Path, evaluation: PeopleEvaluation, wanted: list[str])
     ):
         if errors is not None:
             subfolder = person_folder(folder, int(number) + 1)
-            subfolder.mkdir(parents=True, exist_ok=True)
             written += _write_files(subfolder, errors, wanted, f"{subfolder.name} against {name}")
     if "json" in wanted:
         written.append(folder / "evaluation.json")
@@ -192,11 +181,8 @@ def print_evaluation(evaluation: Evaluation) -> None:
     if summary["limbs_said_to_be_lost"]:
         shares = ", ".join(f"{n} {s:.1%}" for n, s in summary["limbs_said_to_be_lost"].items())
         right = summary["limbs_beyond_200_mm_flagged"]
-        rightly = (
-            ""
-            if right is None
-            else (f"{right:.0%} of limbs with an error above {1000 * LOST_LIMB:.0f} mm and ")
-        )
+        limit = f"limbs with an error above {1000 * LOST_LIMB:.0f} mm"
+        rightly = "" if right is None else f"{right:.0%} of {limit} and "
         lines.append(
             f"the track itself marks as lost, of all frames: {shares}. It marks {rightly}"
             f"{_share(summary['limbs_within_150_mm_flagged'])} of limbs below "

@@ -7,7 +7,7 @@ from collections.abc import Collection
 import numpy as np
 
 from apf.body.limbs import limb_names
-from apf.cli.opened_track import open_given_tracks, stated_cutoff
+from apf.cli.opened_track import open_given_tracks
 from apf.formats.opensim.setup import ANGLES, INVERSE_KINEMATICS, SCALING
 from apf.request import ExportRequest
 from apf.tracking.config import EXPORTS, MESH_FOLDER, MESHES, OPENSIM, USD
@@ -28,12 +28,11 @@ def run(request: ExportRequest) -> None:
         request.refuse(["osim_model"], f"applies only to OpenSim; expected --to {OPENSIM} with it")
     folder = request.output or (request.track if request.track.is_dir() else request.track.parent)
     with output_folder(folder, request.COMMAND, addition=True):
-        tracks = open_given_tracks(request.track, stated_cutoff(request))
+        tracks = open_given_tracks(request)
         several = holds_people(request.track)
         for number, (track, seen) in enumerate(zip(tracks, tracks.seen, strict=True), start=1):
             into = person_folder(folder, number) if several else folder
             if several:
-                into.mkdir(parents=True, exist_ok=True)
                 stdout.print(f"{into.name}:")
             written = export(
                 track, into, request.to, axes=request.axes, smoothing=request.smoothing,

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from contextlib import closing
-from pathlib import Path
+import os
+from contextlib import ExitStack, closing
+from functools import partial
 
 import numpy as np
 
-from apf.keypoints.estimation import EstimationJob, estimate_keypoints, write_openpose
+from apf.cluster.processes import Processes, Task
+from apf.cluster.workers import Share
+from apf.keypoints.estimation import estimate_camera, write_openpose
 from apf.keypoints.network import check_network
 from apf.request import KeypointsRequest
 from apf.takes.keypoints import people_number
-from cl import select_device
+from cl import InputError, select_device
 from psfs.cli.commandline import progress_bar, stdout, warn
 from psfs.common.outputs import output_folder
 from psfs.common.requests import SETTINGS, write_settings
@@ -26,7 +29,7 @@ _SELDOM = 0.8
 
 def run(request: KeypointsRequest) -> None:
     check_network()
-    number = None if request.people == "auto" else people_number(request.people)
+    number = people_number(request.people)
     sequence = open_sequence(request)
     pattern = "*_json/*_[0-9][0-9][0-9][0-9][0-9][0-9].json"
     with output_folder(request.output, request.COMMAND, sequence.inputs, (pattern, SETTINGS)):
@@ -45,21 +48,34 @@ def _detect(
 ) -> dict[str, list[int]]:
     """Write the keypoints of each camera as soon as it is done; return the number of its frames in
     which each person was found. number: of people, None for as many as are seen."""
+    if not sequence.has_images:
+        what = "has masks only; expected pictures to find keypoints in"
+        raise InputError(f"{request.folder}: {what}")
     people = _find_people(request, sequence, number)
     crop = sequence.empty_scene and request.crop and people is None
-    device = request.device if crop else None
-    job = EstimationJob(Path(request.folder), stated_keys(request.capture), device, people)
-    found = {}
-    with progress_bar() as bar:
-        task = bar.add_task("keypoints", total=len(sequence) * len(sequence.rig))
+    stated, names, n_frames = stated_keys(request.capture), sequence.rig.names, len(sequence)
+    rest = n_frames, request.device if crop else None, people
+    found, done = {}, dict.fromkeys(names, 0)
+    with progress_bar() as bar, ExitStack() as stack:
+        bar_task = bar.add_task("keypoints", total=n_frames * len(names))
 
-        def show(done: int) -> None:
-            bar.update(task, completed=done)
+        def show(camera: str, frames: int) -> None:
+            done[camera] = frames
+            bar.update(bar_task, completed=sum(done.values()))
 
-        with closing(estimate_keypoints(job, request.at_once, show)) as cameras:
-            for camera, points in cameras:
-                write_openpose(request.output / f"{camera}_json", camera, points)
-                found[camera] = np.isfinite(points).any((2, 3)).sum(1).tolist()
+        shares = [Share(request.device)] * min(len(names), request.at_once or os.cpu_count() or 1)
+        pool = stack.enter_context(Processes(shares, lambda report: show(report.task, report.done)))
+        arguments = {name: (request.folder, {**stated, "cameras": [name]}, *rest) for name in names}
+        jobs = (
+            (name, partial(pool.run, Task(name, estimate_camera, own)))
+            for name, own in arguments.items()
+        )
+        for camera, points in stack.enter_context(closing(pool.outcomes(jobs))):
+            if isinstance(points, BaseException):
+                raise points
+            show(camera, n_frames)
+            write_openpose(request.output / f"{camera}_json", camera, points)
+            found[camera] = np.isfinite(points).any((2, 3)).sum(1).tolist()
     return found
 
 

@@ -18,7 +18,7 @@ from apf.evaluation.truth import load_people_truth
 from apf.filters.base import Estimate
 from apf.filters.method import Method
 from apf.formats.trc import JointSeries
-from apf.live.pace import Pace, PaceReporter
+from apf.live.pace import PaceReporter, expect_pace
 from apf.live.send import open_senders, parse_target
 from apf.live.session import Live, LiveResult, LiveStart, list_sizes
 from apf.live.sources import fitting_factor
@@ -42,8 +42,17 @@ Truth = dict[str, JointSeries]
 
 def run(request: LiveRequest) -> None:
     check_start(request, request.truth)
-    _check_flags(request)
+    for text in request.send or ():
+        parse_target(text)
     method = request.method
+    if method.objective == "keypoints":
+        raise InputError(
+            "--objective keypoints: apf live reads none; expected voxels or image features"
+        )
+    if request.captures:
+        request.refuse(["frames"], "applies only to a recording; expected none with --captures")
+    else:
+        request.refuse(["empty"], "applies only to --captures; expected them with it")
     # The frames are not evenly spaced, and `Live` predicts the motion itself.
     noise = method.filter.search.noise
     if method.uses_voxels and not request.states_noise:
@@ -59,7 +68,12 @@ def run(request: LiveRequest) -> None:
     stated = [
         Path(path) for path in (request.init, request.body, request.truth) if path is not None
     ]
-    inputs = [*_list_inputs(request), *(path for path in stated if path.exists())]
+    if request.captures:
+        folder = Path(request.folder)
+        inputs = [folder, folder / "background", *map(Path, request.captures), *stated]
+        inputs = [path for path in inputs if path.exists()]
+    else:
+        inputs = [*open_sequence(request).inputs, *(path for path in stated if path.exists())]
     with output_folder(request.output, request.COMMAND, inputs, (*RESULTS, "take*")):
         _live(request, method, device, number, truth)
 
@@ -94,23 +108,16 @@ def _live(
         scale=scale,
         config=request.live,
     )
-    pace = Pace(
-        live.expected_rate,
-        request.budget or source.fps,
-        live.processing_time,
-        float(live.governor.costs[live.governor.chosen]),
-        scale,
-    )
-    if pace.keeps_up:
-        stderr.print(str(pace))
-    else:
-        warn(f"{pace}; {pace.advice}")
+    wanted = request.budget or source.fps
+    keeps_up, words = expect_pace(live, wanted)
+    (stderr.print if keeps_up else warn)(words)
+    late = warn if keeps_up else None
     provenance = {**method.describe(), "device": device.name}
     keep = TrackKeeper(request.replace(method=method), live, provenance)
     bodies = [person.body for person in live.persons]
     with open_senders(request.send or (), bodies) as senders:
         live.listeners = [sender.send for sender in senders]
-        result, takes = _run(request, live, start, pace, keep)
+        result, takes = _run(request, live, start, keep, (wanted, late))
     if not result.frames:
         raise result.error or InputError("no frame was tracked; expected at least one")
     try:
@@ -124,15 +131,6 @@ def _live(
             raise result.error
         where = f"{len(result.frames)} poses are in {request.output}"
         raise InputError(f"{result.error}; {where}") from result.error
-
-
-def _list_inputs(request: LiveRequest) -> list[Path]:
-    """Return the folders and files that are read."""
-    folder = Path(request.folder)
-    if not request.captures:
-        return open_sequence(request).inputs
-    read = (folder, folder / "background", *map(Path, request.captures))
-    return [path for path in read if path.exists()]
 
 
 class TrackKeeper:
@@ -171,9 +169,7 @@ class TrackKeeper:
         live, output, provenance = self._live, self._request.output, self._provenance
         for number, take in enumerate(takes, start=1):
             if recorded := make_tracks(live, result, take, provenance):
-                folder = output / f"take{number}"
-                folder.mkdir(parents=True, exist_ok=True)
-                write_people(folder, PeopleTracks.of(*recorded))
+                write_people(output / f"take{number}", PeopleTracks.of(*recorded))
         write_settings(output, self._request, ["method", "live"])
         tracks = make_tracks(live, result, (0, result.frames[-1]), provenance)
         write_people(output, PeopleTracks.of(*tracks))
@@ -206,17 +202,18 @@ def compare_with_truth(
 
 
 def _run(
-    request: LiveRequest, live: Live, start: LiveStart, pace: Pace, keep: TrackKeeper
+    request: LiveRequest, live: Live, start: LiveStart, keep: TrackKeeper, pace: tuple[float, Any]
 ) -> tuple[LiveResult, list[tuple[int, int]]]:
     """Run, with its progress on the terminal and, with --studio, on a page. Return the result, and
-    the first and last frames of takes that were recorded on the page."""
-    late = warn if pace.keeps_up else None
+    the first and last frames of takes that were recorded on the page. pace: wanted poses per second
+    and who is told that there are fewer, see `PaceReporter`."""
+    wanted, late = pace
     with ExitStack() as stack:
         if stderr.console.is_terminal:
             waiting = stderr.console.status("waiting for the first frame; Ctrl-C ends")
-            progress = PaceReporter(pace.wanted, stack.enter_context(waiting).update, None, late)
+            progress = PaceReporter(wanted, stack.enter_context(waiting).update, None, late)
         else:
-            progress = PaceReporter(pace.wanted, None, stderr.print, late)
+            progress = PaceReporter(wanted, None, stderr.print, late)
         if not request.studio:
             return live.run([keep, progress], warn), []
         from apf.studio.live import LivePage  # imports an extra
@@ -226,19 +223,6 @@ def _run(
         stdout.print(f"{page.address} (for this machine alone)")
         webbrowser.open(page.address)
         return live.run([keep, progress, page], warn), page.takes
-
-
-def _check_flags(request: LiveRequest) -> None:
-    for text in request.send or ():
-        parse_target(text)
-    if request.method.objective == "keypoints":
-        raise InputError(
-            "--objective keypoints: apf live reads none; expected voxels or image features"
-        )
-    if request.captures:
-        request.refuse(["frames"], "applies only to a recording; expected none with --captures")
-    else:
-        request.refuse(["empty"], "applies only to --captures; expected them with it")
 
 
 def make_tracks(
@@ -263,7 +247,7 @@ def make_tracks(
         build_track(
             person.body, live.source.fps, frames, [pad(found[row]) for row in rows], provenance
         ).judged
-        for person, found in zip(live.persons, result.list_estimates(), strict=True)
+        for person, found in zip(live.persons, zip(*result.estimates, strict=True), strict=True)
         if rows
     ]
 

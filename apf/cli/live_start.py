@@ -41,8 +41,7 @@ _COUNT_SECONDS = 2.0
 def read_live_people(request: LiveRequest, method: Method) -> int | None:
     """Return how many people --people asks for, None for as many as are seen. Raises InputError if
     several cannot be tracked."""
-    stated = 1 if request.people is None else request.people
-    number = None if stated == "auto" else people_number(stated)
+    number = people_number(1 if request.people is None else request.people)
     if number != 1 and not method.uses_voxels:
         raise InputError(
             f"--people {request.people}: --objective {method.objective} tracks one person; "

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
-from apf.request import ExportRequest, SmoothRequest
+from apf.request import ExportRequest, RenderRequest, SmoothRequest
 from apf.tracking.people import PeopleTracks
 from cl import InputError
 from psfs.common.files import name_file_in_errors
 
 
-def open_given_tracks(path: Path, cutoff: float | None = None) -> PeopleTracks:
-    """Return the tracks of everybody at `path`. cutoff: of the smoothing, Hz, if it is stated.
-    Raises InputError, also for a track of no frame, and of a body that it does not hold."""
+def open_given_tracks(request: ExportRequest | RenderRequest | SmoothRequest) -> PeopleTracks:
+    """Return the tracks of everybody that a request names. Raises InputError, also for a track of
+    no frame, one that the stated cutoff does not smooth, and of a body that it does not hold."""
+    path, cutoff = request.track, None
+    if not isinstance(request, RenderRequest) and "cutoff" in request.chosen:
+        cutoff = request.smoothing.cutoff
     tracks = PeopleTracks.open(path)
     for track in tracks:
         if not len(track):
@@ -25,8 +26,3 @@ def open_given_tracks(path: Path, cutoff: float | None = None) -> PeopleTracks:
         with name_file_in_errors(path):
             _ = track.its_body if track.dof_names else None
     return tracks
-
-
-def stated_cutoff(request: ExportRequest | SmoothRequest) -> float | None:
-    """Return the cutoff, Hz, that a request states; None for the default."""
-    return request.smoothing.cutoff if "cutoff" in request.chosen else None

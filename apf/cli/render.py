@@ -49,7 +49,7 @@ def _render(request: RenderRequest, out: OutputFolder, look: ObjectiveConfig) ->
     sequence = open_sequence(request)
     out.check_inputs(sequence.inputs)
     chosen = select_common_frames(request.frames, sequence, warn)
-    track = open_given_tracks(request.track)[0]
+    track = open_given_tracks(request)[0]
     body = track.its_body
     rows = [row for row, frame in enumerate(track.frames) if frame in chosen]
     if not rows:
@@ -57,6 +57,8 @@ def _render(request: RenderRequest, out: OutputFolder, look: ObjectiveConfig) ->
             f"{request.track}: has none of the frames {chosen.start} to {chosen.stop - 1}"
         )
     mesh = look.mesh(body)
+    hues = [colorsys.hsv_to_rgb((0.13 + 0.381966 * k) % 1, 0.75, 1.0) for k in range(256)]
+    colours = np.rint(255 * np.array(hues)).astype(np.uint8)  # of the parts
     with progress_bar() as bar:
         for row in bar.track(rows, description="rendering"):
             frame = sequence.read(int(track.frames[row]))
@@ -71,22 +73,11 @@ def _render(request: RenderRequest, out: OutputFolder, look: ObjectiveConfig) ->
                 parts, edges = np.moveaxis(drawn[view, :height, :width], -1, 0)
                 name = f"{camera.name}_{frame.index:06d}.png"
                 silhouette = np.where(parts > 0, np.uint8(255), np.uint8(0))
-                pictures = (
-                    silhouette,
-                    edges,
-                    tint_parts(crop_view(frame, view, camera), parts, edges),
-                )
-                for kind, picture in zip(KINDS, pictures, strict=True):
+                overlay = crop_view(frame, view, camera)
+                tinted = cv2.addWeighted(overlay, 1 - _TINT, colours[parts], _TINT, 0)
+                overlay = np.where(parts[..., None] > 0, tinted, overlay)
+                overlay[edges > 0] = _WHITE
+                for kind, picture in zip(KINDS, (silhouette, edges, overlay), strict=True):
                     write_picture(request.output / kind / name, picture)
     write_settings(request.output, request)
     stdout.print(f"{len(rows)} frames x {len(sequence.rig)} cameras drawn: {request.output}")
-
-
-def tint_parts(picture: np.ndarray, parts: np.ndarray, edges: np.ndarray) -> np.ndarray:
-    """Return a copy of `picture` (h, w, 3) with a colour for each part, and white edges."""
-    hues = [colorsys.hsv_to_rgb((0.13 + 0.381966 * k) % 1, 0.75, 1.0) for k in range(256)]
-    colours = np.rint(255 * np.array(hues)).astype(np.uint8)[parts]
-    mixed = cv2.addWeighted(picture, 1 - _TINT, colours, _TINT, 0)
-    out = np.where(parts[..., None] > 0, mixed, picture)
-    out[edges > 0] = _WHITE
-    return out

@@ -9,12 +9,7 @@ from apf.report.agreement import choose_rows
 from apf.report.drawing import write_overlay
 from apf.report.judged import judge_track, write_report
 from apf.report.page import write_page
-from apf.report.summary import (
-    open_tracked_sequence,
-    read_summary,
-    read_tracked_config,
-    read_tracked_grid,
-)
+from apf.report.summary import SUMMARY, read_summary, read_tracked_config, read_tracked_grid
 from apf.request import ReportRequest
 from apf.tracking.people import PeopleTracks, holds_people, list_people
 from apf.tracking.track import Track
@@ -22,6 +17,7 @@ from cl import InputError, select_device
 from psfs.cli.commandline import progress_bar, stdout, warn
 from psfs.common.files import name_file_in_errors
 from psfs.common.outputs import output_folder
+from psfs.output.reconstruction_folder import reopen_sequence
 from psfs.session import Session, SessionSettings
 
 
@@ -41,7 +37,8 @@ def run(request: ReportRequest) -> None:
             f"{folder}: one of {summary['people']} people, whose silhouettes are separated only "
             f"while they are tracked, when apf track writes the page of each{everybody}"
         )
-    sequence = open_tracked_sequence(people[0], summary, int(tracks.frames.max()))
+    last = int(tracks.frames.max())
+    sequence = reopen_sequence(summary["sequence"], people[0] / SUMMARY, last)
     config = read_tracked_config(people[0], summary)
     video, quality = folder / OVERLAY, None
     draw = request.video and not video.exists()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from apf.cli.opened_track import open_given_tracks, stated_cutoff
+from apf.cli.opened_track import open_given_tracks
 from apf.request import SmoothRequest
 from apf.takes.results import RESULTS, write_people
 from apf.tracking.smoothing import smooth_track
@@ -17,7 +17,7 @@ from psfs.common.requests import write_settings
 def run(request: SmoothRequest) -> None:
     folder = request.track if request.track.is_dir() else request.track.parent
     with output_folder(request.output, request.COMMAND, [folder], RESULTS):
-        tracks = open_given_tracks(request.track, stated_cutoff(request))
+        tracks = open_given_tracks(request)
         with name_file_in_errors(request.track):
             smoothed = tuple(smooth_track(track, request.smoothing) for track in tracks)
         folders = write_people(request.output, replace(tracks, tracks=smoothed))

@@ -43,16 +43,17 @@ def measure(seconds: float) -> list[dict[str, Any]]:
         tasks[one] = partial(apart, only_cores(1), on_cpu, problem, *size)
     twin = partial(apart, ONE_THREAD, on_numpy, problem, 2, 1, 0.1 * seconds, 0)
     tasks["NumPy, one thread (the specification)"] = twin
-    rows = []
+    rows = list[dict[str, Any]]()
     for name, task in tasks.items():
         stdout.print(f"measuring {name}")
         made = task()
         ms = made["runs"][0]["frames"].samples[1:] or made["runs"][0]["frames"].samples
         streamed = made["to_pose"]["frames"].median if "to_pose" in made else None
-        row: dict[str, Any]
-        row = {"program": name, "kind": made["kind"], "cores": made["cores"], "frames": len(ms)}
-        error = float(made["runs"][0]["error_mm"])
-        rows.append({**row, "ms": float(np.median(ms)), "streamed_ms": streamed, "error_mm": error})
+        rows.append({
+            "program": name, "kind": made["kind"], "cores": made["cores"], "frames": len(ms),
+            "ms": float(np.median(ms)), "streamed_ms": streamed,
+            "error_mm": float(made["runs"][0]["error_mm"]),
+        })  # fmt: skip
     core: Any = next((r["ms"] for r in rows if (r["kind"], r["cores"]) == ("cpu", 1)), None)
     for row in rows:
         row["times_one_core"] = core and core / row["ms"]

@@ -28,13 +28,17 @@ def run(request: TrackRequest) -> None:
         from apf.cli.triangulate import run_triangulate
 
         run_triangulate(request, TakeLine(progress_bar()))
-    elif len(request.folders) > 1:
-        _run_batch(request)
-    else:
-        _run_one(request)
+        return
+    if len(request.folders) > 1:
+        from apf.cli.batch import run as run_batch
+        from apf.takes.track import check_request
 
-
-def _run_one(request: TrackRequest) -> None:
+        check_request(request)
+        request.refuse(["corrections"], "applies only to one take; expected none with several")
+        if request.init is not None:
+            raise InputError("--init is the first pose of one take; expected none with several")
+        run_batch(request.batch())
+        return
     with ExitStack() as stack:
         bar = stack.enter_context(make_stage_bar(stderr.console, stdout.quiet))
         line = TakeLine(bar)
@@ -48,14 +52,3 @@ def _run_one(request: TrackRequest) -> None:
         device = select_device(request.device)
         check_renderer(device, request.method)
         track_one(request, device, line, stack.close)
-
-
-def _run_batch(request: TrackRequest) -> None:
-    from apf.cli.batch import run as run_batch
-    from apf.takes.track import check_request
-
-    check_request(request)
-    request.refuse(["corrections"], "applies only to one take; expected none with several")
-    if request.init is not None:
-        raise InputError("--init is the first pose of one take; expected none with several")
-    run_batch(request.batch())

@@ -69,11 +69,11 @@ def _triangulate(request: TrackRequest, output: Path, line: StageProgress) -> No
     selection = slice(chosen.start, chosen.stop, chosen.step)
     people: list[Keypoints] = []
     if request.people != 1:
-        number = None if request.people == "auto" else people_number(request.people)
+        number = people_number(request.people)
         people = open_people_keypoints(request.keypoints, sequence, number, warn)
     several = bool(people)
     if not several:
-        keypoints = read_keypoints(request.keypoints, sequence, line).keypoints
+        keypoints, _ = read_keypoints(request.keypoints, sequence, line)
         assert keypoints is not None
         people = [keypoints]
     frames = np.arange(len(sequence))[selection]
@@ -82,7 +82,6 @@ def _triangulate(request: TrackRequest, output: Path, line: StageProgress) -> No
         tracks = [triangulate_track(sequence, p, request.triangulated, selection) for p in people]
         for number, track in enumerate(tracks, start=1):
             folder = person_folder(output, number) if several else output
-            folder.mkdir(parents=True, exist_ok=True)
             for name in RESULTS[:3]:
                 track.save(folder / name)
         seen = tuple(find_seen_frames(keypoints, frames) for keypoints in people)

@@ -8,12 +8,10 @@ from functools import lru_cache, partial
 
 import numpy as np
 
-from apf.cli.opened_track import open_given_tracks
 from apf.request import ViewRequest
 from apf.studio.folders import find_kind
-from apf.studio.opened import OpenedTracks, add_tracks, open_track, read_seen_frames
+from apf.studio.opened import OpenedTracks, open_track, read_figures
 from apf.studio.watch import TrackWatch
-from apf.tracking.people import list_people
 from cl import InputError, select_device
 from psfs.cli.view import make_mesher, open_folder, show_page, write_view
 from psfs.cli.view import run as run_voxels
@@ -22,13 +20,11 @@ from psfs.page.clouds import open_voxels
 
 def run(request: ViewRequest) -> None:
     if request.track is not None:
-        people = list_people(request.track) or [request.track]
-        tracks = {path.name: open_given_tracks(path)[0] for path in people}
-        seen = read_seen_frames(request.track)
+        figures = read_figures(request.track)
         run, frame = open_folder(request)
         mesher = make_mesher(request, run) if request.png is None else None
         voxels = partial(open_voxels, request.out, mesher)
-        _view(request, lambda known: add_tracks(voxels(), tracks, seen), frame)
+        _view(request, lambda known: OpenedTracks(**vars(voxels()), figures=figures), frame)
     elif find_kind(request.out) == "track" or next(request.out.glob("**/seed*/track.npz"), None):
         if request.mesh:
             what = f"{request.out} is a track, without clouds"

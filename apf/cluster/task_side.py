@@ -8,7 +8,6 @@ import platform
 import sys
 import time
 import traceback
-from collections import defaultdict
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from dataclasses import asdict, dataclass
@@ -48,7 +47,7 @@ class TaskProgress(StageProgress):
     It replaces the line of a take, `apf.tracking.progress.ProgressLine`: called with the name of
     the current stage, after every frame of stages that work by frames. send: receives messages.
     check: called first, raises KeyboardInterrupt in a task that must stop. worker: host and
-    process. seconds: time of each stage. core_seconds: CPU time of each stage.
+    process.
     """
 
     def __init__(
@@ -60,9 +59,6 @@ class TaskProgress(StageProgress):
         super().__init__()
         self._task, self._send_message, self._check, self._sent = task, send, check, 0.0
         self.worker = f"{platform.node()}:{os.getpid()}"
-        self.seconds = defaultdict[str, float](float)
-        self.core_seconds = defaultdict[str, float](float)
-        self._begun = time.monotonic(), time.process_time()
 
     def __call__(self, stage: str) -> None:
         self._check()
@@ -74,17 +70,8 @@ class TaskProgress(StageProgress):
 
     def _enter(self, stage: str) -> None:
         """Switch to a stage."""
-        self.end()
         self._stage = stage
         self._send()
-
-    def end(self) -> None:
-        """Add the time since the stage began to its total."""
-        now = time.monotonic(), time.process_time()
-        if self._stage:
-            self.seconds[self._stage] += now[0] - self._begun[0]
-            self.core_seconds[self._stage] += now[1] - self._begun[1]
-        self._begun = now
 
     def warn(self, text: str) -> None:
         print(f"warning: {text}", file=sys.stderr)

@@ -42,14 +42,6 @@ _HINGES = (("upper_arm", "forearm", 1.0), ("thigh", "shank", -1.0))
 _BENT = 0.2
 
 
-@dataclass(frozen=True, eq=False)
-class TrueAngles:
-    """The true angles (F,), degrees, by clinical name, in `frames` (F,)."""
-
-    frames: np.ndarray
-    angles: dict[str, np.ndarray]
-
-
 @dataclass(frozen=True)
 class AngleError:
     """The error of an angle over the common frames, degrees: root mean square, and without the mean
@@ -64,19 +56,6 @@ class AngleError:
     def defined(self) -> bool:
         """Whether the angle is defined in all poses."""
         return not self.name.endswith(UNDEFINED)
-
-
-def load_true_angles(path: str | Path) -> TrueAngles | None:
-    """Read the true angles of an npz with bone_names (B,) and bone_rotations (F, B, 3, 3), each
-    bone's rotation in the world from its rest pose, Z up, beside the joints; None if it has no
-    rotations. Raises InputError if it is invalid."""
-    path = Path(path)
-    truth = read_truth(path) if path.suffix.lower() == ".npz" else None
-    if truth is None or not truth.rotations:
-        return None
-    (series,) = truth.joints.values()
-    joints, _, _ = evaluated_joints(series.joint_names, series.joints)
-    return TrueAngles(series.frames, angles_between(_true_frames(truth.rotations, joints)))
 
 
 def _true_frames(bones: Mapping[str, np.ndarray], joints: np.ndarray) -> dict[str, np.ndarray]:
@@ -117,9 +96,11 @@ def _limb_frames(
     right = dict.fromkeys(turned, upright[:, 2])
     for near, far, sign in _HINGES:
         if {near, far} <= set(turned):
-            axis = sign * np.cross(_normalise(vectors[near]), _normalise(vectors[far]))
+            along = [vectors[segment] for segment in (near, far)]
+            along = [each / np.linalg.norm(each, axis=1, keepdims=True) for each in along]
+            axis = sign * np.cross(*along)
             for segment in (near, far):
-                mean = np.nanmean(_turn_back(turned[segment], axis), axis=0)
+                mean = np.nanmean(np.einsum("fij,fi->fj", turned[segment], axis), axis=0)
                 if np.linalg.norm(mean) > _BENT:
                     right[segment] = mean
     frames_of = {}
@@ -133,49 +114,40 @@ def _limb_frames(
 
 def _rest_direction(rotation: np.ndarray, vectors: np.ndarray) -> np.ndarray:
     """Return the unit direction (3,) at rest of vectors (F, 3) that turn with a bone (F, 3, 3)."""
-    mean: np.ndarray = np.nanmean(_turn_back(rotation, vectors), axis=0)
+    mean: np.ndarray = np.nanmean(np.einsum("fij,fi->fj", rotation, vectors), axis=0)
     return mean / np.linalg.norm(mean)
-
-
-def _turn_back(rotation: np.ndarray, vectors: np.ndarray) -> np.ndarray:
-    """Return vectors (F, 3) that turn with a bone (F, 3, 3) as they are at its rest."""
-    return np.einsum("fij,fi->fj", rotation, vectors)
-
-
-def _normalise(vectors: np.ndarray) -> np.ndarray:
-    return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
 
 
 def _first(bones: Mapping[str, np.ndarray], names: Any) -> np.ndarray | None:
     return next((bones[name] for name in names if name in bones), None)
 
 
-def evaluate_angles(track: Track, truth: TrueAngles) -> list[AngleError]:
+def evaluate_angles(track: Track, path: Path) -> list[AngleError]:
     """Return the error of every angle that track and truth have in common frames; none for a track
-    without a body."""
-    if track.body is None:
+    without a body, or a truth without rotations.
+
+    path: an npz with bone_names (B,) and bone_rotations (F, B, 3, 3), each bone's rotation in the
+    world from its rest pose, Z up, beside the joints. Raises InputError if it is invalid.
+    """
+    people, rotations = read_truth(path) if path.suffix.lower() == ".npz" else ({}, {})
+    if not rotations or track.body is None:
         return []
-    _, rows, true_rows = np.intersect1d(track.frames, truth.frames, return_indices=True)
-    measured = []
+    (series,) = people.values()
+    joints, _, _ = evaluated_joints(series.joint_names, series.joints)
+    angles = angles_between(_true_frames(rotations, joints))
+    _, rows, true_rows = np.intersect1d(track.frames, series.frames, return_indices=True)
+    errors = []
     for name, ours in track.angles.items():
-        if name not in truth.angles:
+        off = ours[rows] - angles[name][true_rows] if name in angles else np.zeros(0)
+        off = (off[np.isfinite(off)] + 180) % 360 - 180
+        if not off.size:
             continue
-        error = measure_angle(name, ours[rows], truth.angles[name][true_rows])
-        measured += [] if error is None else [error]
-    return measured
-
-
-def measure_angle(name: str, ours: np.ndarray, truth: np.ndarray) -> AngleError | None:
-    """Return the error of an angle (F,), degrees; None if it is known in no frame."""
-    off = (ours - truth + 180) % 360 - 180
-    off = off[np.isfinite(off)]
-    if not off.size:
-        return None
-    # the mean of angles that may lie on both sides of half a turn
-    mean = np.degrees(np.angle(np.exp(1j * np.radians(off)).mean()))
-    rest = (off - mean + 180) % 360 - 180
-    rms, free = (float(np.sqrt(np.mean(errors**2))) for errors in (off, rest))
-    return AngleError(name, rms, free, int(off.size))
+        # the mean of angles that may lie on both sides of half a turn
+        mean = np.degrees(np.angle(np.exp(1j * np.radians(off)).mean()))
+        rest = (off - mean + 180) % 360 - 180
+        rms, free = (float(np.sqrt(np.mean(each**2))) for each in (off, rest))
+        errors.append(AngleError(name, rms, free, int(off.size)))
+    return errors
 
 
 def mean_error(errors: Sequence[AngleError]) -> tuple[float, float]:

@@ -234,35 +234,28 @@ def evaluate(track: Track | JointSeries, truth: JointSeries) -> Evaluation:
     frames, rows, true_rows = common_frames(track, truth)
     columns = [EVALUATED_JOINTS.index(name) for name in names]
     offsets = ours[rows][:, columns] - true[true_rows][:, columns]
-    stated = _reported_covariance(track, tuple(names))[rows]
+    stated = np.full((len(rows), len(names), 3, 3), np.nan)
+    if isinstance(track, Track):
+        reported = match_joints(track.joint_names)
+        for j, name in enumerate(names):
+            if name in reported:
+                stated[:, j] = track.covariance[rows, reported[name]]
     axes = _body_frames(true[true_rows])
     common = frames, rows
     result = evaluate_points(track, truth, common, tuple(names), offsets, axes, covariance=stated)
     compared = result.joint_names
+    points = track.points if isinstance(track, Track) else track
+    our_toes, true_toes = (match_joints(of.joint_names, TOES) for of in (points, truth))
+    toes = tuple(name for name in TOES if name in our_toes and name in true_toes)
+    offsets = points.joints[rows][:, [our_toes[name] for name in toes]]
+    offsets = offsets - truth.joints[true_rows][:, [true_toes[name] for name in toes]]
+    known = np.isfinite(offsets).all(-1).any()
     return replace(
         result,
-        toes=_evaluate_toes(track, truth, (frames, rows, true_rows), axes),
+        toes=evaluate_points(track, truth, common, toes, offsets, axes) if known else None,
         unmatched_track=tuple(our_unused + [name for name in our_names if name not in compared]),
         unmatched_truth=tuple(true_unused + [name for name in true_names if name not in compared]),
     )
-
-
-def _evaluate_toes(
-    track: Track | JointSeries,
-    truth: JointSeries,
-    common: tuple[np.ndarray, np.ndarray, np.ndarray],
-    axes: np.ndarray,
-) -> Evaluation | None:
-    """Return the evaluation of the toes' tips where track and truth have them, else None. common,
-    axes: see `common_frames` and `evaluate_points`."""
-    points, (frames, rows, true_rows) = track.points if isinstance(track, Track) else track, common
-    ours, true = (match_joints(source.joint_names, TOES) for source in (points, truth))
-    names = tuple(name for name in TOES if name in ours and name in true)
-    offsets = points.joints[rows][:, [ours[name] for name in names]]
-    offsets = offsets - truth.joints[true_rows][:, [true[name] for name in names]]
-    if not np.isfinite(offsets).all(-1).any():
-        return None
-    return evaluate_points(track, truth, (frames, rows), names, offsets, axes)
 
 
 def common_frames(
@@ -338,17 +331,6 @@ def _read_flags(
             flagged[:, j] = gone[:, columns[name]]
     shares = zip(limb_names(track.body), limbs.mean(axis=0).tolist(), strict=True)
     return track.lost[rows], flagged, {name: share for name, share in shares if share}
-
-
-def _reported_covariance(track: Track | JointSeries, names: tuple[str, ...]) -> np.ndarray:
-    """Return the covariance (F, J, 3, 3), m^2, that the track reports for these joints."""
-    columns = match_joints(track.joint_names)
-    stated = np.full((len(track.frames), len(names), 3, 3), np.nan)
-    if isinstance(track, Track):
-        for j, name in enumerate(names):
-            if name in columns:
-                stated[:, j] = track.covariance[:, columns[name]]
-    return stated
 
 
 def _body_frames(joints: np.ndarray) -> np.ndarray:

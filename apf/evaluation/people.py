@@ -161,12 +161,13 @@ def evaluate_people(tracks: PeopleTracks, truth: Mapping[str, JointSeries]) -> P
     truth = {name: series.at_rate(tracks[0].fps) for name, series in truth.items()}
     known = np.unique(np.concatenate([series.frames for series in truth.values()]))
     frames = np.intersect1d(tracks.frames, known)
-    true = [_points(series.joint_names, series.joints, series.frames, frames) for series in
-            truth.values()]  # fmt: skip
-    tracked = [_points(track.joint_names, track.joints, track.frames, frames) for track in tracks]
+    true = [_points(series, frames) for series in truth.values()]
+    tracked = [_points(track, frames) for track in tracks]
     for points, seen in zip(tracked, tracks.seen, strict=True):
         points[~np.isin(frames, seen)] = np.nan
-    apart = np.stack([[_apart(person, track) for track in tracked] for person in true])
+    away = [[np.linalg.norm(person - of, axis=-1) for of in tracked] for person in true]
+    apart = np.stack([known_means(np.stack(of), axis=-1) for of in away])
+    apart[np.isnan(apart)] = np.inf
     if not np.isfinite(apart).any():
         raise InputError("the tracks and the truth have no joint in any frame in common")
     nearest = apart.min(1)
@@ -196,20 +197,12 @@ def evaluate_people(tracks: PeopleTracks, truth: Mapping[str, JointSeries]) -> P
     )
 
 
-def _points(
-    names: Sequence[str], joints: np.ndarray, of: np.ndarray, frames: np.ndarray
-) -> np.ndarray:
+def _points(of: Track | JointSeries, frames: np.ndarray) -> np.ndarray:
     """Return the joints (F, 15, 3) that are compared in each of `frames`, NaN where missing."""
     points = np.full((len(frames), len(EVALUATED_JOINTS), 3), np.nan)
-    _, rows, at = np.intersect1d(frames, of, return_indices=True)
-    points[rows] = evaluated_joints(names, joints[at])[0]
+    _, rows, at = np.intersect1d(frames, of.frames, return_indices=True)
+    points[rows] = evaluated_joints(of.joint_names, of.joints[at])[0]
     return points
-
-
-def _apart(person: np.ndarray, track: np.ndarray) -> np.ndarray:
-    """Return the mean distance (F,), m, of the joints that both have, infinite without any."""
-    mean = known_means(np.linalg.norm(person - track, axis=-1), axis=-1)
-    return np.where(np.isfinite(mean), mean, np.inf)
 
 
 def _match(apart: np.ndarray) -> np.ndarray:

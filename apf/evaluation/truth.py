@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -30,20 +29,11 @@ _BONES = {
 }
 
 
-@dataclass(frozen=True, eq=False)
-class Truth:
-    """The content of an npz of true motion.
+def read_truth(path: Path) -> tuple[dict[str, JointSeries], dict[str, np.ndarray]]:
+    """Return the joints of each person by name, and by bone the rotations (F, 3, 3) of one person,
+    in the world from the rest pose; empty without any.
 
-    joints: of each person by name. rotations: (F, 3, 3) by bone of one person, in the world from
-    its rest pose; empty without any.
-    """
-
-    joints: dict[str, JointSeries]
-    rotations: dict[str, np.ndarray]
-
-
-def read_truth(path: Path) -> Truth:
-    """Read joint_names (J,), joints (F, J, 3) or, of several people, (F, P, J, 3) m, Z up, NaN or
+    Read joint_names (J,), joints (F, J, 3) or, of several people, (F, P, J, 3) m, Z up, NaN or
     0 0 0 where missing, fps and perhaps frames (F,), the indices in the sequence (default: 0, 1,
     ...), from an npz; of several people also person_names (P,), of one bone_names (B,) and
     bone_rotations (F, B, 3, 3). Raises InputError.
@@ -75,7 +65,7 @@ def read_truth(path: Path) -> Truth:
     if not several and {"bone_names", "bone_rotations"} <= set(data):
         turns = data["bone_rotations"].astype(np.float64).swapaxes(0, 1)
         rotations = dict(zip(map(str, data["bone_names"]), turns, strict=True))
-    return Truth(dict(zip(persons, series, strict=True)), rotations)
+    return dict(zip(persons, series, strict=True)), rotations
 
 
 def load_truth(path: str | Path, convention: str = "y-up") -> JointSeries:
@@ -96,4 +86,4 @@ def load_people_truth(path: str | Path, convention: str = "y-up") -> dict[str, J
         return {path.stem: read_c3d(path)}
     if path.suffix.lower() == ".trc":
         return {path.stem: read_trc(path, convention)}
-    return read_truth(path).joints
+    return read_truth(path)[0]

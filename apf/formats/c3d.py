@@ -48,20 +48,16 @@ def read_c3d(path: str | Path, convention: str | None = None) -> JointSeries:
     """
     path = Path(path)
     recording = read_c3d_points(path)
-    matrix = CONVENTIONS[convention or _convention(path, recording.up)]
+    if convention is None:
+        stated = "+Z" if recording.up is None else recording.up.strip().upper()
+        convention = {"+Z": "z-up", "Z": "z-up", "+Y": "y-up", "Y": "y-up"}.get(stated)
+        if convention is None:
+            raise InputError(
+                f"{path}: POINT:Y_SCREEN is {stated!r}; expected +Z or +Y, or --convention"
+            )
+    matrix = CONVENTIONS[convention]
     frames = recording.first + np.arange(len(recording.positions))
     return JointSeries(recording.names, recording.positions @ matrix.T, recording.rate, frames)
-
-
-def _convention(path: Path, up: str | None) -> str:
-    """Return the convention of a file's up axis. Raises InputError for an unknown one."""
-    stated = "+Z" if up is None else up.strip().upper()
-    axes = {"+Z": "z-up", "Z": "z-up", "+Y": "y-up", "Y": "y-up"}.get(stated)
-    if axes is None:
-        raise InputError(
-            f"{path}: POINT:Y_SCREEN is {stated!r}; expected +Z or +Y, or --convention"
-        )
-    return axes
 
 
 def write_c3d(

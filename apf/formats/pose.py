@@ -26,7 +26,16 @@ def read_pose(path: Path, body: BodyModel) -> np.ndarray:
             f"{path}: {pose.size} values; expected {body.n_dof} finite ones, "
             f"one per degree of freedom of {body.name}"
         )
-    _check_names(path, body)
+    comments = [line.partition("#")[2].strip() for line in read_text(path, "numbers").splitlines()]
+    names = [comment for comment in comments if comment]
+    if len(names) != body.n_dof:  # the comments are the user's own
+        names = list(body.dof_names)
+    for number, (name, expected) in enumerate(zip(names, body.dof_names, strict=True), 1):
+        if name != expected:
+            raise InputError(
+                f"{path}: value {number} is {name}, of another body; expected {expected} of "
+                f"{body.name}"
+            )
     check_pose(pose, body, path)
     return pose
 
@@ -41,20 +50,6 @@ def check_pose(pose: np.ndarray, body: BodyModel, where: object) -> None:
         raise InputError(
             f"{where}: {name} is {value:g}; expected rad and m, up to {limits[wrong[0]]:g}"
         )
-
-
-def _check_names(path: Path, body: BodyModel) -> None:
-    """Raise InputError if the comments of a file name other degrees of freedom than the body's."""
-    comments = [line.partition("#")[2].strip() for line in read_text(path, "numbers").splitlines()]
-    names = [comment for comment in comments if comment]
-    if len(names) != body.n_dof:  # the comments are the user's own
-        return
-    for number, (name, expected) in enumerate(zip(names, body.dof_names, strict=True), 1):
-        if name != expected:
-            raise InputError(
-                f"{path}: value {number} is {name}, of another body; expected {expected} of "
-                f"{body.name}"
-            )
 
 
 def write_pose(path: Path, pose: np.ndarray, body: BodyModel) -> None:

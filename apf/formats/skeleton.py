@@ -103,48 +103,37 @@ class Skeleton:
 def build_skeleton(body: BodyModel) -> Skeleton:
     """Build the skeleton of `body`: bones, joints that are not at a bone's origin, toes and
     hands."""
-    builder = _Builder(body)
+    rest, nodes = _rest_attitude(body), list[Node]()
+    markers = [marker for marker in virtual_markers(body) if sideless(marker.name) in _HOLDERS]
+
+    def add_point(point: Joint, parent: int, offset: np.ndarray) -> int:
+        name = node_name(point.name)
+        name += "Joint" * any(name == node.name for node in nodes)  # beside its bone
+        nodes.append(Node(name, parent, rest[point.bone] @ offset))
+        return len(nodes) - 1
+
+    def add_bone(index: int, parent: int) -> None:
+        bone, bone_node = body.bones[index], len(nodes)
+        offset = np.zeros(3) if bone.parent < 0 else rest[bone.parent] @ bone.offset
+        nodes.append(Node(node_name(bone.name), parent, offset, index))
+        for joint in body.joints:
+            if joint.bone != index:
+                continue
+            node = bone_node
+            if np.linalg.norm(joint.position) >= 1e-9:
+                node = add_point(joint, bone_node, joint.position)
+            for marker in markers:
+                side = marker.name.removesuffix(sideless(marker.name))
+                if marker.bone == index and side + _HOLDERS[sideless(marker.name)] == joint.name:
+                    add_point(marker, node, marker.position - joint.position)
+        for child, below in enumerate(body.bones):
+            if below.parent == index:
+                add_bone(child, bone_node)
+
     for index, bone in enumerate(body.bones):
         if bone.parent < 0:
-            builder.add_bone(index, -1)
-    return Skeleton(tuple(builder.nodes), builder.rest)
-
-
-class _Builder:
-    """Adds the nodes of a body depth first."""
-
-    def __init__(self, body: BodyModel) -> None:
-        self.body, self.rest = body, _rest_attitude(body)
-        self.nodes: list[Node] = []
-        self._markers = [m for m in virtual_markers(body) if sideless(m.name) in _HOLDERS]
-
-    def add_bone(self, index: int, parent: int) -> None:
-        """Add a bone, the points on it, and its child bones."""
-        bone, node = self.body.bones[index], len(self.nodes)
-        offset = np.zeros(3) if bone.parent < 0 else self.rest[bone.parent] @ bone.offset
-        self.nodes.append(Node(node_name(bone.name), parent, offset, index))
-        for joint in self.body.joints:
-            if joint.bone == index:
-                self._add_joint(joint, node)
-        for child, below in enumerate(self.body.bones):
-            if below.parent == index:
-                self.add_bone(child, node)
-
-    def _add_joint(self, joint: Joint, bone_node: int) -> None:
-        """Add a joint, unless its bone begins there, and its markers."""
-        node = bone_node
-        if np.linalg.norm(joint.position) >= 1e-9:
-            node = self._add_point(joint, bone_node, joint.position)
-        for marker in self._markers:
-            side = marker.name.removesuffix(sideless(marker.name))
-            if marker.bone == joint.bone and side + _HOLDERS[sideless(marker.name)] == joint.name:
-                self._add_point(marker, node, marker.position - joint.position)
-
-    def _add_point(self, point: Joint, parent: int, offset: np.ndarray) -> int:
-        name = node_name(point.name)
-        name += "Joint" * any(name == node.name for node in self.nodes)  # beside its bone
-        self.nodes.append(Node(name, parent, self.rest[point.bone] @ offset))
-        return len(self.nodes) - 1
+            add_bone(index, -1)
+    return Skeleton(tuple(nodes), rest)
 
 
 def _rest_attitude(body: BodyModel) -> np.ndarray:
@@ -159,19 +148,12 @@ def _rest_attitude(body: BodyModel) -> np.ndarray:
         shoulder, elbow = f"{side}_shoulder", f"{side}_elbow"
         if {shoulder, elbow} <= set(joints):
             turn = rotation_between(joints[elbow] - joints[shoulder], outwards)
-            arm = body.joints[body.joint_names.index(shoulder)].bone
-            for bone in _list_descendants(body, arm):
-                rotations[bone] = turn @ rotations[bone]
+            arm = {body.joints[body.joint_names.index(shoulder)].bone}
+            for index, bone in enumerate(body.bones):  # parents come first
+                if index in arm or bone.parent in arm:
+                    arm.add(index)
+                    rotations[index] = turn @ rotations[index]
     return np.stack([-right, up, forward]) @ rotations
-
-
-def _list_descendants(body: BodyModel, bone: int) -> list[int]:
-    """Return a bone and all its descendants."""
-    bones = {bone}
-    for index, child in enumerate(body.bones):  # parents come first
-        if child.parent in bones:
-            bones.add(index)
-    return sorted(bones)
 
 
 def node_name(name: str) -> str:

@@ -12,7 +12,7 @@ import numpy as np
 
 from apf.keypoints.keypoints import Keypoints
 from apf.keypoints.landmarks import find_landmarks
-from apf.keypoints.timing import AGREEING, describe_lags, find_late_cameras, shift_cameras
+from apf.keypoints.timing import AGREEING, describe_lag, find_late_cameras, shift_cameras
 from psfs.cameras.camera import CameraRig
 from psfs.cameras.triangulation import (
     TriangulationConfig,
@@ -39,7 +39,11 @@ def find_disagreements(keypoints: Keypoints, rig: CameraRig, rate: float) -> lis
     """
     late = find_late_cameras(keypoints, rig)
     if late and not _describe_faults(shift_cameras(keypoints, late), rig):
-        return describe_lags(late, rate)
+        return [
+            f"the keypoints of camera {name} come about {describe_lag(lag, rate)}; expected those "
+            "of the same time"
+            for name, lag in late.items()
+        ]
     texts = _describe_faults(keypoints, rig)
     if not texts and faces_backward(keypoints, rig):
         return [
@@ -156,7 +160,12 @@ def faces_backward(keypoints: Keypoints, rig: CameraRig) -> bool:
     hip. Keypoints whose left and right are exchanged in all cameras fit each other as well as
     before, but the nose lies behind the ears and the toes behind the heels.
     """
-    points = _triangulate_landmarks(keypoints, rig)
+    rows = pick_evenly(keypoints.n_frames)
+    seen = keypoints.undistort(rig).points[:, rows]
+    limits = TriangulationConfig(max_error=AGREEING * rig.height)
+    landmarks = find_landmarks(keypoints.names)
+    places = triangulate(rig, seen[:, :, list(landmarks)], limits).points
+    points = {landmark.name: places[:, k] for k, landmark in enumerate(landmarks.values())}
 
     def point(name: str) -> np.ndarray:
         unknown = np.full((1, 3), np.nan)
@@ -175,16 +184,6 @@ def faces_backward(keypoints: Keypoints, rig: CameraRig) -> bool:
         votes.append(_forward(point(f"{side}_big_toe") - point(back), towards["hip"]))
     known = [vote for vote in votes if len(vote) >= _LEAST_FRAMES]
     return bool(known) and all(float(np.mean(vote < 0)) > _BACKWARD for vote in known)
-
-
-def _triangulate_landmarks(keypoints: Keypoints, rig: CameraRig) -> dict[str, np.ndarray]:
-    """Return the points (F, 3) m of some frames by their landmarks' names; NaN where unknown."""
-    rows = pick_evenly(keypoints.n_frames)
-    seen = keypoints.undistort(rig).points[:, rows]
-    limits = TriangulationConfig(max_error=AGREEING * rig.height)
-    landmarks = find_landmarks(keypoints.names)
-    places = triangulate(rig, seen[:, :, list(landmarks)], limits).points
-    return {landmark.name: places[:, k] for k, landmark in enumerate(landmarks.values())}
 
 
 def _forward(step: np.ndarray, towards: np.ndarray) -> np.ndarray:

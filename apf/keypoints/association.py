@@ -114,12 +114,8 @@ def _score_persons(points: np.ndarray) -> np.ndarray:
 def person_sizes(points: np.ndarray) -> np.ndarray:
     """Return the diagonals (V, F, N) px of the persons' bounding boxes; 1 for missing persons."""
     pixels = points[..., :2]
-    known = np.isfinite(pixels)
-    high = np.where(known, pixels, -np.inf).max(-2)
-    low = np.where(known, pixels, np.inf).min(-2)
-    with np.errstate(invalid="ignore"):
-        sizes = np.hypot(*np.moveaxis(high - low, -1, 0))
-    return np.where(np.isfinite(sizes), np.maximum(sizes, 1.0), 1.0)
+    sides = np.fmax.reduce(pixels, axis=-2) - np.fmin.reduce(pixels, axis=-2)
+    return np.fmax(np.hypot(sides[..., 0], sides[..., 1]), 1.0)
 
 
 def _measure_steps(points: np.ndarray, sizes: np.ndarray, before: int, after: int) -> np.ndarray:

@@ -55,16 +55,11 @@ def calibrate_by_keypoints(
     longest = round(config.longest_lag * rate)
     points = keypoints.points[:, :, list(used)]
     result = calibrate_by_points(cameras, points, longest, config, _find_segments(names))
-    return _align(result, names, _place_standing(names, config.stature))
-
-
-def _place_standing(names: Sequence[str], stature: float) -> dict[str, np.ndarray]:
-    """Return the places (3,) m over the floor, by name, of the landmarks of a standing person."""
-    body = load_body(_BODY)
-    points = locate_points(body, names)
-    places = points.place(body, np.zeros((1, body.n_dof)))[0] * (stature / stature_of(body))
+    body = load_body(_BODY)  # standing, over the floor
+    located, size = locate_points(body, names), config.stature / stature_of(body)
+    places = located.place(body, np.zeros((1, body.n_dof)))[0] * size
     places[:, 2] -= places[:, 2].min()
-    return dict(zip(points.names, places, strict=True))
+    return _align(result, names, dict(zip(located.names, places, strict=True)))
 
 
 def _find_segments(names: list[str]) -> list[tuple[int, int]]:
@@ -128,5 +123,4 @@ def _find_lowest(feet: np.ndarray) -> np.ndarray:
     seen = feet[np.any(np.all(np.isfinite(feet), axis=-1), axis=1)]
     if len(seen) < 3:
         raise InputError("the feet are seen too seldom; expected the whole person")
-    heights = np.where(np.isfinite(seen[..., 2]), seen[..., 2], np.inf)
-    return np.asarray(seen[np.arange(len(seen)), heights.argmin(axis=1)])
+    return np.asarray(seen[np.arange(len(seen)), np.nanargmin(seen[..., 2], axis=1)])

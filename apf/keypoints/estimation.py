@@ -1,30 +1,25 @@
-"""Estimate keypoints of a sequence by a pose network: one process per camera, OpenPose's JSON
-files. Where several people are, the network, which finds one person in a picture, gets the part of
-it in which each stands."""
+"""Estimate keypoints of a camera's video by a pose network, and write OpenPose's JSON files. Where
+several people are, the network, which finds one person in a picture, gets the part of it in which
+each stands."""
 
 from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable, Generator, Mapping
-from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
-from concurrent.futures.process import BrokenProcessPool
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack, closing
-from dataclasses import dataclass
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from apf.keypoints.network import PoseNetwork, check_network
+from apf.keypoints.network import PoseNetwork
 from apf.keypoints.readers.orders import MEDIAPIPE
-from cl import DeviceError, InputError, select_device
+from cl import select_device
 from psfs.backend import make_evidence_function
 from psfs.cameras.camera import Camera
 from psfs.common.files import write_text
 from psfs.common.regions import keep_large_regions
-from psfs.common.system import ignore_signals
 from psfs.people.people import StandingPeople
 from psfs.sequence import Frame, Sequence
 from psfs.silhouettes.config import SilhouetteConfig
@@ -112,96 +107,45 @@ class PersonFinder:
         return np.concatenate([low, high]).astype(int) if (high > low + 1).all() else None
 
 
-@dataclass(frozen=True)
-class EstimationJob:
-    """A job of estimation. overrides: of `Sequence.open`. device: name, for the silhouettes that
-    pictures are cropped by; None for whole pictures. people: where several people stand, all of
-    them are detected; None for one person."""
-
-    folder: Path
-    overrides: Mapping[str, Any]
-    device: str | None
-    people: StandingPeople | None = None
-
-
 #: Margin around the silhouette before the network sees it, least distance of it from the
 #: crop's border, below which a new crop is made, and size of a crop that is too large, as shares of
 #: the silhouette's larger side.
 _MARGIN, _SLACK, _LARGEST = 0.5, 0.1, 4.0
-#: Shared between a process and its parent: the number of pictures done by all, and a stop event.
-_shared: dict[str, Any] = {}
 
 
-def estimate_keypoints(
-    job: EstimationJob, at_once: int | None = None, progress: Callable[[int], object] | None = None
-) -> Generator[tuple[str, np.ndarray], None, None]:
-    """Yield every camera's name and keypoints (P, F, 33, 3) px of P people as they finish, in any
-    order.
+def estimate_camera(
+    progress: Callable[[str], object],
+    folder: Path,
+    stated: Mapping[str, Any],
+    n_frames: int,
+    device: str | None,
+    people: StandingPeople | None,
+) -> np.ndarray:
+    """Return one camera's keypoints (P, F, 33, 3) px of P people, NaN where a person was not found.
 
-    Keypoints are NaN where a person was not found. at_once: cameras at a time, by default the
-    number of cores. progress: called repeatedly with the number of pictures done. Closing the
-    generator, or a KeyboardInterrupt, ends all work after the current pictures. Raises InputError.
+    A process estimates those of one camera. progress: called after each frame. stated: overrides of
+    `Sequence.open`, with the camera. device: name, for the silhouettes that pictures are cropped
+    by; None for whole pictures. people: where several people stand, all of them are detected; None
+    for one person. Raises InputError.
     """
-    check_network()
-    sequence = Sequence.open(job.folder, **job.overrides)
-    if not sequence.has_images:
-        raise InputError(f"{job.folder}: has masks only; expected pictures to find keypoints in")
-    names = sequence.rig.names
-    context = get_context("spawn")  # neither OpenCL nor MediaPipe survives a fork
-    done, stop = context.Value("l", 0), context.Event()
-    processes = min(len(names), at_once or os.cpu_count() or 1)
-    with ProcessPoolExecutor(processes, context, _set_up_process, (done, stop)) as pool:
-        try:
-            waiting = {
-                pool.submit(_estimate_camera, job, name, len(sequence)): name for name in names
-            }
-            while waiting:
-                finished = wait(waiting, 0.2, FIRST_COMPLETED).done
-                if progress is not None:
-                    progress(done.value)
-                for future in sorted(finished, key=lambda of: of.exception() is not None):
-                    yield waiting.pop(future), future.result()
-        except BrokenProcessPool:
-            raise DeviceError(f"a process ended; is there memory for {processes}?") from None
-        finally:
-            stop.set()  # if work is left
-            pool.shutdown(cancel_futures=True)
-
-
-def _set_up_process(done: Any, stop: Any) -> None:
-    """Set up a process: ignore signals, which the parent handles by setting `stop`, and mute
-    stderr.
-
-    The messages of the network's libraries are useless to users.
-    """
-    ignore_signals(["SIGINT", "SIGTERM", "SIGHUP"])
-    os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
-    _shared.update(done=done, stop=stop)
-
-
-def _estimate_camera(job: EstimationJob, camera: str, n_frames: int) -> np.ndarray:
-    """Return one camera's keypoints (P, F, 33, 3); after a stop, those found before it."""
-    sequence = Sequence.open(job.folder, **{**job.overrides, "cameras": [camera]})
-    n_people = 1 if job.people is None else job.people.positions.shape[1]
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 2)  # the network's libraries tell users nothing
+    sequence = Sequence.open(folder, **stated)
+    n_people = 1 if people is None else people.positions.shape[1]
     points = np.full((n_people, n_frames, len(MEDIAPIPE), 3), np.nan)
     with ExitStack() as stack:
         networks = [stack.enter_context(closing(PoseNetwork())) for _ in range(n_people)]
-        view, people = sequence.rig[0], job.people
-        alone = CroppedFinder(networks[0], sequence, job.device) if people is None else None
+        alone = CroppedFinder(networks[0], sequence, device) if people is None else None
         finders = [] if people is None else [
-            PersonFinder(network, view, people, k) for k, network in enumerate(networks)
+            PersonFinder(network, sequence.rig[0], people, k) for k, network in enumerate(networks)
         ]  # fmt: skip
         for frame in sequence.frames(slice(n_frames)):
-            if _shared["stop"].is_set():
-                break
             (picture,) = sequence.rig.crop(frame.images)
             persons = [find(picture, frame.index) for find in finders]
             persons += [alone(frame)] if alone is not None else []
             for row, person in zip(points, persons, strict=True):
                 if person is not None:
                     row[frame.index] = person
-            with _shared["done"].get_lock():
-                _shared["done"].value += 1
+            progress("keypoints")
     return points
 
 

@@ -35,9 +35,8 @@ _SIDES = {"l": "left", "r": "right"}
 _MIDDLE = ("pelvis", "thorax", "head", "neck", "head_top")
 
 
-@dataclass(frozen=True, eq=False)
-class Landmark:
-    """An anatomical point.
+class Landmark(Table):
+    """An anatomical point, or the same one of both sides, as an entry of a table has it.
 
     offset: (3,) m forward, left, up from `joint` of a hanging limb, for a stature of 1.75 m.
     spread: standard deviation of that position per axis, m. bone: that carries it, None for the
@@ -45,14 +44,17 @@ class Landmark:
     on the other side, None in the middle. aliases: normalised names.
     """
 
+    model_config = ConfigDict(extra="forbid")
+
     name: str
     joint: str
-    bone: str | None
-    up: str | None
-    offset: np.ndarray
-    spread: float
-    partner: str | None
-    aliases: tuple[str, ...]
+    spread: Annotated[float, Field(gt=0, lt=1)]
+    sided: bool = False
+    aliases: tuple[str, ...] = Field((), strict=False)
+    bone: str | None = None
+    up: str | None = None
+    offset: Vector = Field(default_factory=lambda: [0.0] * 3)
+    partner: str | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,25 +101,10 @@ def load_landmarks(path: Path = LANDMARKS) -> tuple[Landmark, ...]:
     return parse_landmarks(read_toml(path).get("landmark", []), path, "landmark")
 
 
-class _Entry(Table):
-    """An entry of a table of landmarks."""
-
-    model_config = ConfigDict(extra="forbid")
-
-    name: str
-    joint: str
-    spread: Annotated[float, Field(gt=0, lt=1)]
-    sided: bool = False
-    aliases: tuple[str, ...] = Field((), strict=False)
-    bone: str | None = None
-    up: str | None = None
-    offset: Vector = Field(default_factory=lambda: [0.0] * 3)
-
-
 def parse_landmarks(entries: Any, path: Path, kind: str) -> tuple[Landmark, ...]:
     """Parse the points of the tables [[kind]] of a file. Raises InputError."""
-    tables = parse_values(dict[str, list[_Entry]], {kind: entries}, path)
-    landmarks = [landmark for entry in tables[kind] for landmark in _make_landmarks(entry)]
+    tables = parse_values(dict[str, list[Landmark]], {kind: entries}, path)
+    landmarks = [landmark for entry in tables[kind] for landmark in _list_sides(entry)]
     if not landmarks:
         raise InputError(f"{path}: holds no [[{kind}]]")
     by_alias: dict[str, str] = {}
@@ -129,21 +116,20 @@ def parse_landmarks(entries: Any, path: Path, kind: str) -> tuple[Landmark, ...]
     return tuple(landmarks)
 
 
-def _make_landmarks(entry: _Entry) -> list[Landmark]:
+def _list_sides(entry: Landmark) -> list[Landmark]:
     """Return the landmark of an entry, or those of both sides."""
-    name, offset = entry.name, np.array(entry.offset)
-    words = [normalise_name(word) for word in (name, *entry.aliases)]
-    joint, bone, up, spread = entry.joint, entry.bone, entry.up, entry.spread
+    words = [normalise_name(word) for word in (entry.name, *entry.aliases)]
     if not entry.sided:
-        return [Landmark(name, joint, bone, up, offset, spread, None, tuple(words))]
-    return [
-        Landmark(
-            f"{side}_{name}", _add_side(joint, side), bone and _add_side(bone, side),
-            up and _add_side(up, side), offset * [1, sign, 1], spread, f"{other}_{name}",
-            list_sided_names(words, side),
-        )
-        for side, sign, other in (("l", 1.0, "r"), ("r", -1.0, "l"))
-    ]  # fmt: skip
+        return [entry.model_copy(update={"aliases": tuple(words)})]
+    sides = []
+    for side, sign, other in (("l", 1.0, "r"), ("r", -1.0, "l")):
+        bones = {key: getattr(entry, key) for key in ("joint", "bone", "up")}
+        changes = {key: name and _add_side(name, side) for key, name in bones.items()}
+        names = {"name": f"{side}_{entry.name}", "partner": f"{other}_{entry.name}"}
+        forward, left, up = entry.offset
+        places = {"aliases": list_sided_names(words, side), "offset": [forward, sign * left, up]}
+        sides.append(entry.model_copy(update=changes | names | places))
+    return sides
 
 
 def _add_side(name: str, short: str) -> str:
@@ -228,7 +214,7 @@ def _locate_landmark(body: BodyModel, landmark: Landmark, scale: float) -> tuple
     joint = body.joints[body.joint_names.index(landmark.joint)]
     bones = [bone.name for bone in body.bones]
     bone = bones.index(landmark.bone) if landmark.bone in bones else joint.bone
-    offset = scale * landmark.offset
+    offset = scale * np.array(landmark.offset)
     if landmark.up in body.joint_names:
         offset = (
             rotation_between(np.array([0.0, 0, 1]), world(landmark.up) - world(landmark.joint))

@@ -131,11 +131,11 @@ def match_persons(
 ) -> tuple[np.ndarray, tuple[str, ...], list[str]]:
     """Match keypoints to cameras and frames; return those of all persons of each picture (V, F, N,
     K, 3) px, the cameras' names (V,) and notes. Raises InputError."""
-    names = _get_camera_names(cameras)
-    notes = list(raw.notes)
-    if names is None:
+    rig, notes = get_rig(cameras), list(raw.notes)
+    if cameras is None:
         names, view_of = list(raw.views), {name: name for name in raw.views}
     else:
+        names = [str(name) for name in cameras] if rig is None else rig.names
         view_of, note = match_cameras(raw, names)
         notes += [note] if note else []
     views = {camera: raw.views[name] for camera, name in view_of.items()}
@@ -159,13 +159,6 @@ def get_rig(cameras: Cameras | None) -> CameraRig | None:
     if isinstance(cameras, Footage):
         return cameras.rig
     return cameras if isinstance(cameras, CameraRig) else None
-
-
-def _get_camera_names(cameras: Cameras | None) -> list[str] | None:
-    if isinstance(cameras, (Footage, CameraRig)):
-        rig = get_rig(cameras)
-        return rig.names if rig is not None else None
-    return None if cameras is None else list(cameras)
 
 
 def match_cameras(raw: RawKeypoints, cameras: Sequence[str]) -> tuple[dict[str, str], str | None]:

@@ -64,8 +64,8 @@ def find_lag_to_footage(keypoints: Keypoints, rig: CameraRig, views: SmallViews)
         return 0
     points = keypoints.points[..., :2].astype(np.float64)
     points[np.nan_to_num(keypoints.points[..., 2]) < _LIMITS.min_confidence] = np.nan
-    with np.errstate(invalid="ignore"):
-        extents = np.concatenate([_least(points), -_least(-points)], -1).swapaxes(0, 1)
+    ends = np.fmin.reduce(points, axis=2), np.fmax.reduce(points, axis=2)
+    extents = np.concatenate(ends, -1).swapaxes(0, 1)
     outlines = np.full(extents.shape, np.nan)
     frames = np.asarray(views.frames)
     inside = frames < len(extents)
@@ -111,15 +111,6 @@ def shift_cameras(keypoints: Keypoints, late: Mapping[str, int]) -> Keypoints:
     return replace(keypoints, points=np.stack(rows))
 
 
-def describe_lags(late: Mapping[str, int], rate: float) -> list[str]:
-    """Return a line for each camera whose keypoints are late; rate: frames per second."""
-    return [
-        f"the keypoints of camera {name} come about {describe_lag(lag, rate)}; expected those of "
-        "the same time"
-        for name, lag in late.items()
-    ]
-
-
 def describe_lag(lag: int, rate: float) -> str:
     """Return a lag in words; negative: early."""
     side = "late" if lag > 0 else "early"
@@ -139,9 +130,3 @@ def _outline_extents(views: SmallViews, rig: CameraRig) -> np.ndarray:
                 ends = [outline.points.min(axis=0), outline.points.max(axis=0)]
                 out[frame, view] = factor * np.concatenate(ends)
     return out
-
-
-def _least(points: np.ndarray) -> np.ndarray:
-    """Return the least x and y (V, F, 2) of points (V, F, K, 2); NaN without any."""
-    least = np.where(np.isfinite(points), points, np.inf).min(axis=2)
-    return np.where(np.isfinite(least), least, np.nan)

@@ -115,8 +115,14 @@ class LiveCamera:
 
     def _grab(self) -> None:
         while not self._stop.is_set():
-            if self._is_file:
-                self._wait_turn()
+            if self._is_file:  # wait until its next picture is due or requested
+                with self._condition:
+                    self._condition.wait_for(
+                        lambda: self._began or self._wanted > self._count or self._stop.is_set()
+                    )
+                if self._began is not None:
+                    due = self._began[0] + (self._count - self._began[1]) / self.fps
+                    time.sleep(max(0.0, due - time.perf_counter()))
             came, image = self._capture.read()
             with self._condition:
                 if came:
@@ -128,17 +134,6 @@ class LiveCamera:
                 return
             if not came and not self._stop.wait(_RETRY):
                 self._capture.open(self._where)
-
-    def _wait_turn(self) -> None:
-        """Wait until a file's next picture is due or requested."""
-        with self._condition:
-            self._condition.wait_for(
-                lambda: self._began is not None or self._wanted > self._count or self._stop.is_set()
-            )
-        if self._began is not None:
-            begin, first = self._began
-            due = begin + (self._count - first) / self.fps
-            time.sleep(max(0.0, due - time.perf_counter()))
 
 
 class Cameras:
@@ -239,7 +234,14 @@ class LiveCameras(Cameras):
         """The background; the first access may record it."""
         if self._known is None:
             count = max(1, round(self._empty * self.fps))
-            self._known = average_pictures(self._record_empty(count))
+            frames = [self.join(self.first_pictures())]
+            # a part, evenly spread, where all would take more than `_EMPTY_BYTES`
+            every = -(-count // max(_LEAST_EMPTY, _EMPTY_BYTES // frames[0].nbytes))
+            for number in range(1, count):
+                pictures = self.first_pictures()
+                if number % every == 0:
+                    frames.append(self.join(pictures))
+            self._known = average_pictures(frames)
         return self._known
 
     def first(self) -> Frame:
@@ -288,17 +290,6 @@ class LiveCameras(Cameras):
         except GoneError:
             return rest.with_present()
         return rest
-
-    def _record_empty(self, count: int) -> list[np.ndarray]:
-        """Return the pictures (V, H, W, 3) of the next `count` frames, of a part of them, evenly
-        spread, where all would take more than `_EMPTY_BYTES`."""
-        frames = [self.join(self.first_pictures())]
-        every = -(-count // max(_LEAST_EMPTY, _EMPTY_BYTES // frames[0].nbytes))
-        for number in range(1, count):
-            pictures = self.first_pictures()
-            if number % every == 0:
-                frames.append(self.join(pictures))
-        return frames
 
 
 class Captures(Cameras):

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 
-from apf.live.session import LiveResult
+from apf.live.session import Live, LiveResult
 from apf.live.timeline import Timeline
 
 #: Interval, s, between two lines without a terminal; number of latest poses that rate and latency
@@ -16,39 +15,22 @@ EVERY, _RECENT = 5.0, 30
 _SLOW = 0.9
 
 
-@dataclass(frozen=True)
-class Pace:
-    """Rates, 1/s, and times per pose, s, measured before a run begins.
-
-    rate: poses per second that the machine can track. wanted: the requested rate, or the frame
-    rate. processing, searching: s. scale: of the images.
-    """
-
-    rate: float
-    wanted: float
-    processing: float
-    searching: float
-    scale: float
-
-    @property
-    def keeps_up(self) -> bool:
-        """Whether the machine tracks as many poses as are wanted."""
-        return self.rate >= _SLOW * self.wanted
-
-    def __str__(self) -> str:
-        return (
-            f"about {self.rate:.1f} poses per second can be found of the {self.wanted:g} wanted: "
-            f"{1000 * self.processing:.0f} ms for a frame's pictures at {self.scale:g} of their "
-            f"size, {1000 * self.searching:.0f} ms for its search"
-        )
-
-    @property
-    def advice(self) -> str:
-        """Advice for a faster run, most helpful first."""
-        smaller = f"smaller pictures (--scale {self.scale / 2:g})"
-        search = "a smaller search (--particles, --layers)"
-        first = (smaller, search) if self.processing > self.searching else (search, smaller)
-        return f"faster with {', '.join(first)}, fewer cameras or a GPU; frames are dropped"
+def expect_pace(live: Live, wanted: float) -> tuple[bool, str]:
+    """Return whether a run will track the `wanted` poses per second, by the times measured before
+    it, and a line on that; if not, with advice, most helpful first."""
+    rate, processing = live.expected_rate, live.processing_time
+    searching = float(live.governor.costs[live.governor.chosen])
+    text = (
+        f"about {rate:.1f} poses per second can be found of the {wanted:g} wanted: "
+        f"{1000 * processing:.0f} ms for a frame's pictures at {live.scale:g} of their size, "
+        f"{1000 * searching:.0f} ms for its search"
+    )
+    if rate >= _SLOW * wanted:
+        return True, text
+    smaller = f"smaller pictures (--scale {live.scale / 2:g})"
+    search = "a smaller search (--particles, --layers)"
+    first = ", ".join((smaller, search) if processing > searching else (search, smaller))
+    return False, f"{text}; faster with {first}, fewer cameras or a GPU; frames are dropped"
 
 
 class PaceReporter:

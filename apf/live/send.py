@@ -11,10 +11,10 @@ from __future__ import annotations
 import json
 import socket
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -60,43 +60,6 @@ def parse_target(text: str) -> Target:
             ":HOST:PORT"
         )
     return Target(kind, host, int(port))
-
-
-class Sender(Protocol):
-    """Sends poses of people, whose bodies it was made with, to one target."""
-
-    def send(self, pose: SentPose) -> None:
-        """Send a pose; raises OSError."""
-
-    def close(self) -> None:
-        """Free what it holds."""
-
-
-@contextmanager
-def open_senders(texts: Sequence[str], bodies: Sequence[BodyModel]) -> Iterator[list[Sender]]:
-    """Yield what sends to the targets that `texts` name. Raises InputError if a package is missing,
-    or an address cannot be used."""
-    kinds: dict[str, Callable[[Target, Sequence[BodyModel]], Sender]] = {
-        "vmc": VmcSender, "osc": OscSender, "websocket": WebSocketSender, "lsl": LslSender,
-    }  # fmt: skip
-    with ExitStack() as stack:
-        senders: list[Sender] = []
-        for target in map(parse_target, texts):
-            try:
-                sender = kinds[target.kind](target, bodies)
-            except ImportError as error:
-                raise InputError(
-                    f"--send {target.kind} needs {error.name}, which is not installed; expected: "
-                    f"{pip_command('send')}"
-                ) from None
-            except OSError as error:
-                where = f"{target.host}:{target.port}"
-                raise InputError(
-                    f"--send {target.kind}: {where} cannot be used: {error.strerror or error}"
-                ) from None
-            stack.callback(sender.close)
-            senders.append(sender)
-        yield senders
 
 
 class OscSender:
@@ -242,3 +205,34 @@ class LslSender:
 
     def close(self) -> None:
         self._outlets.clear()
+
+
+#: Sends poses of people, whose bodies it was made with, to one target; `send` raises OSError.
+Sender = OscSender | WebSocketSender | LslSender
+
+
+@contextmanager
+def open_senders(texts: Sequence[str], bodies: Sequence[BodyModel]) -> Iterator[list[Sender]]:
+    """Yield what sends to the targets that `texts` name. Raises InputError if a package is missing,
+    or an address cannot be used."""
+    kinds: dict[str, type[Sender]] = {
+        "vmc": VmcSender, "osc": OscSender, "websocket": WebSocketSender, "lsl": LslSender,
+    }  # fmt: skip
+    with ExitStack() as stack:
+        senders: list[Sender] = []
+        for target in map(parse_target, texts):
+            try:
+                sender = kinds[target.kind](target, bodies)
+            except ImportError as error:
+                raise InputError(
+                    f"--send {target.kind} needs {error.name}, which is not installed; expected: "
+                    f"{pip_command('send')}"
+                ) from None
+            except OSError as error:
+                where = f"{target.host}:{target.port}"
+                raise InputError(
+                    f"--send {target.kind}: {where} cannot be used: {error.strerror or error}"
+                ) from None
+            stack.callback(sender.close)
+            senders.append(sender)
+        yield senders

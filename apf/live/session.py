@@ -134,10 +134,6 @@ class LiveResult:
         """The latest estimate of each person; empty before the first frame."""
         return self.estimates[-1] if self.estimates else []
 
-    def list_estimates(self) -> list[list[Estimate]]:
-        """Return each person's estimates."""
-        return [list(each) for each in zip(*self.estimates, strict=True)]
-
 
 #: What a run reports to.
 Progress = Callable[[LiveResult, Timeline], object]

@@ -116,10 +116,12 @@ def compare_with_silhouettes(
             for camera, silhouette, known in zip(rig, shown, frame.known, strict=True)
         ], strict=True)  # fmt: skip
         scores, centres = np.array(views), cloud.centres
+        means = dict(zip(drawn, np.ma.masked_invalid(scores[:, 1:]).mean(axis=0), strict=True))
+        worst = [np.ma.min([means[cone] for cone in part.cones if cone in means]) for part in parts]
         return (
             scores[:, 0],
             score_voxels(rig, extents, centres, shown, frame.known),
-            _worst_scores(scores[:, 1:], drawn, parts),
+            [np.nan if np.ma.is_masked(value) else float(value) for value in worst],
             measure_explained(rig, centres, posed, drawings, frame.known),
             cloud,
         )
@@ -166,16 +168,6 @@ def _score_cones(
         whole[box] |= inside
     scores[0] = iou(whole, silhouette)
     return whole, scores[[0, *(1 + cone for cone in drawn)]]
-
-
-def _worst_scores(shares: np.ndarray, drawn: Items[int], parts: tuple[Part, ...]) -> np.ndarray:
-    """Return for each part (P,) the share of its worst cone; NaN if none is visible.
-
-    shares: (V, n) of the `drawn` cones, averaged over the cameras.
-    """
-    means = dict(zip(drawn, np.ma.masked_invalid(shares).mean(axis=0), strict=True))
-    worst = [np.ma.min([means[cone] for cone in part.cones if cone in means]) for part in parts]
-    return np.array([np.nan if np.ma.is_masked(value) else value for value in worst], float)
 
 
 def measure_explained(

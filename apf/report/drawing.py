@@ -55,7 +55,7 @@ class Figure:
     name: of the person. number: among several, who have a colour each; None for the only one, whose
     parts have the colours of their sides. Lost limbs, and a lost person, have the colour LOST.
     seen: frames (F,) that show the person; all without. rows: of the track, by the numbers of these
-    frames.
+    frames. lost: rows (F,) bool in which the person is lost.
     """
 
     def __init__(
@@ -73,15 +73,11 @@ class Figure:
         self._edge_colours = self._pick_colours(ends)
         self._cones = None if body is None else posed_cones(body, track.poses)
         self._cone_colours = self._pick_colours(body.cone_names if body is not None else ())
-        self._lost = track.lost  # computed at each call
-        self._lost_cones = np.repeat(self._lost[:, None], len(self._cone_colours), axis=1)
+        self.lost = track.lost  # computed at each call
+        self._lost_cones = np.repeat(self.lost[:, None], len(self._cone_colours), axis=1)
         if body is not None and body.cones:
             lost_bones = (track.lost_limbs @ limb_bones(body)).astype(bool)
             self._lost_cones |= lost_bones[:, [cone.bone for cone in body.cones]]
-
-    def is_lost(self, row: int) -> bool:
-        """Return whether the person is lost in a row of the track."""
-        return bool(self._lost[row])
 
     def colour_cones(self, row: int) -> np.ndarray:
         """Return the colours (C, 3) uint8 of the body's cones."""
@@ -89,7 +85,7 @@ class Figure:
 
     def colour_edges(self, row: int) -> np.ndarray:
         """Return the colours (E, 3) uint8 of the skeleton's edges."""
-        return np.where(self._lost[row], _LOST, self._edge_colours)
+        return np.where(self.lost[row], _LOST, self._edge_colours)
 
     def colour_joints(self, joints: Items[int]) -> np.ndarray:
         """Return the colours (n, 3) uint8 of joints, by their indices."""
@@ -98,12 +94,20 @@ class Figure:
     def draw(self, image: np.ndarray, camera: Camera, row: int) -> None:
         """Draw the body in a row of the track over `image` (h, w, 3) uint8 BGR as `camera` sees it;
         nothing of what lies behind the camera."""
-        joints, thickness = self.track.joints[row], max(1, round(min(camera.size) / 320))
+        thickness = max(1, round(min(camera.size) / 320))
         if self._cones is not None and len(self._cone_colours):
             colours = self.colour_cones(row)[:, ::-1].tolist()
             _draw_cones(image, camera, self._cones[row], colours, thickness)
         colour = _JOINT if self.colour is None else self.colour[::-1]
-        _draw_skeleton(image, *camera.project(joints), self.track.edges, thickness, colour)
+        pixels, depth = camera.project(self.track.joints[row])
+        visible, points = depth > 0, _to_fixed_point(pixels)
+        for a, b in self.track.edges:
+            if visible[a] and visible[b]:
+                cv2.line(image, points[a], points[b], colour, 1, cv2.LINE_AA, _BITS)
+        radius = round((0.8 + 0.7 * thickness) * 2**_BITS)
+        for point in points[visible]:
+            cv2.circle(image, point, radius + 2**_BITS, _RIM, -1, cv2.LINE_AA, _BITS)
+            cv2.circle(image, point, radius, _JOINT, -1, cv2.LINE_AA, _BITS)
 
     def pack(self, frames: np.ndarray) -> dict[str, Any]:
         """Return the skeleton in frames (F,) for the script of a page: joints (F, J, 3) m, NaN
@@ -119,7 +123,7 @@ class Figure:
             "edge_colours": [css(colour) for colour in self._edge_colours.tolist()],
             "joints": encode(np.stack(joints), "<f4"),
             "shown": [int(row is not None) for row in rows],
-            "lost_at": [int(row is not None and self.is_lost(row)) for row in rows],
+            "lost_at": [int(row is not None and self.lost[row]) for row in rows],
         }
 
     def _pick_colours(self, names: Iterable[str]) -> np.ndarray:
@@ -167,7 +171,7 @@ def draw_mosaic(
     mosaic = np.zeros((-(-len(chosen) // columns) * height, columns * width, 3), np.uint8)
     shown = [(one, one.rows[frame.index]) for one in figures if frame.index in one.rows]
     shown = [(one, row) for one, row in shown if np.isfinite(one.track.joints[row]).any()]
-    lost = [f"   {one.name} LOST" for one, row in shown if one.is_lost(row)]
+    lost = [f"   {one.name} LOST" for one, row in shown if one.lost[row]]
     note = ("   LOST" if lost else "") if len(figures) == 1 else "".join(lost)
     for tile, view in enumerate(chosen):
         left, top = corners[view].tolist()
@@ -287,25 +291,6 @@ def _draw_cones(
     cv2.drawContours(image, lines, -1, _RIM, rim)
     cv2.drawContours(drawn, lines, -1, 255, thickness)
     cv2.copyTo(np.take(table, nearest, axis=0), drawn, image)
-
-
-def _draw_skeleton(
-    image: np.ndarray,
-    pixels: np.ndarray,
-    depth: np.ndarray,
-    edges: np.ndarray,
-    thickness: int,
-    colour: tuple[int, ...],
-) -> None:
-    visible = depth > 0
-    points = _to_fixed_point(pixels)
-    for a, b in edges:
-        if visible[a] and visible[b]:
-            cv2.line(image, points[a], points[b], colour, 1, cv2.LINE_AA, _BITS)
-    radius = round((0.8 + 0.7 * thickness) * 2**_BITS)
-    for point in points[visible]:
-        cv2.circle(image, point, radius + 2**_BITS, _RIM, -1, cv2.LINE_AA, _BITS)
-        cv2.circle(image, point, radius, _JOINT, -1, cv2.LINE_AA, _BITS)
 
 
 def _to_fixed_point(pixels: np.ndarray) -> np.ndarray:

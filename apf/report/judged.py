@@ -23,12 +23,7 @@ from apf.body.surface import paint
 from apf.evaluation.joint_names import match_joints
 from apf.keypoints.keypoints import Keypoints
 from apf.report import FILES, OVERLAY, PAGE
-from apf.report.agreement import (
-    Agreement,
-    choose_rows,
-    compare_with_silhouettes,
-    measure_keypoint_agreement,
-)
+from apf.report.agreement import Agreement, compare_with_silhouettes, measure_keypoint_agreement
 from apf.report.page import write_page
 from apf.report.quality import Quality
 from apf.report.summary import SUMMARY, body_facts, read_tracked_grid
@@ -211,13 +206,6 @@ def paint_surface(quality: Quality) -> Track:
     poses = track.poses[[row for row, _ in seen]]
     colours = paint(track.surface, track.its_body, poses, clouds)
     return replace(track, surface=replace(track.surface, colours=colours))
-
-
-def keep_judged_frames(session: Session) -> None:
-    """Have the session keep those frames, as they are carved while the person is tracked, that
-    `judge_track` needs of the whole track."""
-    frames = session.frames
-    session.keep_carved([frames[int(row)] for row in choose_rows(len(frames))])
 
 
 def write_report(

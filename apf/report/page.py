@@ -234,12 +234,13 @@ def _encode(source: av.container.InputContainer, path: Path, bits_per_second: fl
 def _write_filled(path: Path, name: str, content: dict[str, object]) -> None:
     from plotly.offline import get_plotlyjs  # slow to import
 
+    text = json.dumps(content, allow_nan=False, separators=(",", ":"))
     parts = {
         "title": html.escape(name),
         "style": _text("page.css"),
         "plotly": get_plotlyjs(),
         "script": _text("page.js"),
-        "content": _escape_for_script(content),
+        "content": text.replace("<", "\\u003c"),  # which could end the script that contains it
     }
     with open_text(path) as file:
         for number, piece in enumerate(_text("page.html").split("@@")):
@@ -248,9 +249,3 @@ def _write_filled(path: Path, name: str, content: dict[str, object]) -> None:
 
 def _text(name: str) -> str:
     return (resources.files("apf.report") / name).read_text(encoding="utf-8")
-
-
-def _escape_for_script(content: dict[str, object]) -> str:
-    """Return JSON that cannot end the script element that contains it."""
-    text = json.dumps(content, allow_nan=False, separators=(",", ":"))
-    return text.replace("<", "\\u003c").replace("\u2028", "\\u2028").replace("\u2029", "\\u2029")

@@ -185,13 +185,6 @@ class Quality:
         limbs = bool(np.isfinite(self.track.limb_confidence).any())
         return self.agreement is not None or self.near is not None or limbs
 
-    @property
-    def _lasting_doubts(self) -> list[str]:
-        """The doubts, also for `apf report`, which has no keypoints."""
-        near = np.nan if self.near is None else float(np.nanmean(self.near))
-        far = [f"only {near:.0%} of the keypoints are near the body"] if near < _EXPLAINED else []
-        return [*self.doubts, *(text for text in far if text not in self.doubts)]
-
     def lines(self) -> list[str]:
         """Return lines for the user: the verdict, then what to check."""
         track, lost, n_there = self.track, int(self.lost.sum()), int(self.there.sum())
@@ -246,7 +239,11 @@ class Quality:
 
     def facts(self) -> dict[str, object]:
         """Return all figures in JSON types."""
-        track, found = self.track, self.agreement
+        track, found, doubts = self.track, self.agreement, list(self.doubts)
+        near = np.nan if self.near is None else float(np.nanmean(self.near))
+        far = f"only {near:.0%} of the keypoints are near the body"
+        if near < _EXPLAINED and far not in doubts:  # also for `apf report`, without keypoints
+            doubts.append(far)
         return {
             "verdict": self.verdict,
             "expected_error_mm": json_number(1000 * self.expected_error),
@@ -273,7 +270,7 @@ class Quality:
             "voxel_iou": _name_cameras(found.cameras, found.voxel_iou) if found else None,
             "voxels_explained": json_number(mean_known(found.explained)) if found else None,
             "keypoints_near": None if self.near is None else json_number(mean_known(self.near)),
-            "doubts": self._lasting_doubts,
+            "doubts": doubts,
             "look_at": {what: self._ranges(rows) for what, rows in self.doubtful.items()},
         }
 

@@ -17,8 +17,7 @@ from apf.tracking.track import Track
 from cl import InputError
 from psfs.common.files import name_file_in_errors, read_json
 from psfs.common.schema import Table, parse_values
-from psfs.output.reconstruction_folder import GridFacts, SequenceFacts, reopen_sequence
-from psfs.sequence import Sequence
+from psfs.output.reconstruction_folder import GridFacts, SequenceFacts
 from psfs.voxels.config import ReconstructionConfig
 from psfs.voxels.grid import VoxelGrid
 
@@ -66,12 +65,6 @@ def read_summary(folder: Path) -> dict[str, Any]:
     summary: dict[str, Any] = read_json(path, what)
     parse_values(_Summary, summary, f"{path}: not {what}")
     return summary
-
-
-def open_tracked_sequence(folder: Path, summary: Mapping[str, Any], last: int) -> Sequence:
-    """Open the sequence of the track in `folder`; last: a frame that must exist. Raises
-    InputError."""
-    return reopen_sequence(summary["sequence"], folder / SUMMARY, last)
 
 
 def read_tracked_config(folder: Path, summary: Mapping[str, Any]) -> ReconstructionConfig:

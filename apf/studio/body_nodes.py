@@ -69,10 +69,20 @@ class BodyNodes:
         """Show a row of the track, with trails of the rows before it."""
         track, figure = self._track, self.figure
         self._place_bones(track.poses[row])
-        self._colour_cones(figure.colour_cones(row))
+        colours = figure.colour_cones(row)
+        for number in np.flatnonzero((colours != self._colours).any(axis=1)):
+            self.cones[number].color = tuple(colours[number].tolist())
+        self._colours = colours
         self._place_joints(track.joints[row])
         self.skeleton.colors = np.repeat(figure.colour_edges(row)[:, None], 2, axis=1)
-        self._show_trails(row, trail_rows)
+        past = track.joints[max(0, row - trail_rows) : row + 1][:, self.ends].astype(np.float32)
+        if len(past) < 2 or not self.ends or not self.with_trails:
+            self.trails.visible = False
+            return
+        lines = np.stack([past[:-1], past[1:]], axis=2).reshape(-1, 2, 3)
+        colours = np.tile(figure.colour_joints(self.ends), (len(past) - 1, 1))
+        self.trails.points, self.trails.visible = lines, True
+        self.trails.colors = np.repeat(colours[:, None], 2, axis=1)
 
     def set_visible(self, shown: bool) -> None:
         """Show or hide the whole body."""
@@ -91,18 +101,3 @@ class BodyNodes:
     def _place_joints(self, joints: np.ndarray) -> None:
         self.skeleton.points = joints[self._track.edges].astype(np.float32)
         self.joints.points = joints.astype(np.float32)
-
-    def _colour_cones(self, colours: np.ndarray) -> None:
-        for number in np.flatnonzero((colours != self._colours).any(axis=1)):
-            self.cones[number].color = tuple(colours[number].tolist())
-        self._colours = colours
-
-    def _show_trails(self, row: int, rows: int) -> None:
-        past = self._track.joints[max(0, row - rows) : row + 1][:, self.ends].astype(np.float32)
-        if len(past) < 2 or not self.ends or not self.with_trails:
-            self.trails.visible = False
-            return
-        lines = np.stack([past[:-1], past[1:]], axis=2).reshape(-1, 2, 3)
-        colours = np.tile(self.figure.colour_joints(self.ends), (len(past) - 1, 1))
-        self.trails.points, self.trails.visible = lines, True
-        self.trails.colors = np.repeat(colours[:, None], 2, axis=1)

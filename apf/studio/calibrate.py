@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from apf.studio.footage import VIEWER
-from apf.studio.target_fields import PERSON, FoundTarget, TargetFields
-from apf.studio.work import Work, WorkLine, WorkSlot, free_folder
+from apf.studio.target_fields import PERSON, TargetFields
+from apf.studio.work import Work, WorkSlot, free_folder
 from cl import UserError
 from psfs.calibration.targets.detection import (
     find_sightings,
@@ -25,7 +25,7 @@ from psfs.footage.settings import SequenceSettings
 from psfs.page.nodes import CameraNodes, add_floor, box_around
 from psfs.page.pictures import PictureReader, mosaic, small_pictures
 from psfs.page.server import look
-from psfs.page.timeline import TimeLine, add_key
+from psfs.page.timeline import TimeLine, add_button, add_key
 from psfs.page.words import classify, make_lines, make_text
 from psfs.request import CALIBRATION, MOST_TARGET_FRAMES, CalibrateRequest, frame_range
 from psfs.sequence import Frame
@@ -54,8 +54,6 @@ class CalibrateView:
     ) -> None:
         self.views = open_uncalibrated(folder, SequenceSettings())
         self._server, self._results, self._known, self._use = server, results, dict(known), use
-        self.found = FoundTarget(self.views.rig)
-        self.slot = WorkSlot()
         self._stopped = threading.Event()
         self._worker: threading.Thread | None = None
         self._notes: list[tuple[str, object]] = []
@@ -76,30 +74,27 @@ class CalibrateView:
             self.cameras: Any = gui.add_dropdown(
                 "calibration", (_NONE, *self._known), initial_value=_NONE
             )
-            self.use_button = gui.add_button("use these cameras", disabled=True)
-        self.line = WorkLine(gui, self.slot)
+            self.use_button = add_button(gui, "use these cameras", self.use, disabled=True)
+        self.slot = WorkSlot(gui)
         self.words: Any = gui.add_html("")
         with gui.add_folder("calibrate the cameras") as calibrate:
-            self.target = TargetFields(gui, self._known, PERSON)
-            self.search_button = gui.add_button("look for the target", hint="key: F")
+            self.target = TargetFields(gui, self._known, self.views.rig, PERSON)
+            self.search_button = add_button(gui, "look for the target", self.search, hint="key: F")
             self.floor = gui.add_text(
                 "on the floor", "", hint="frame in which it lies there: Z = 0"
             )
-            self.floor_button = gui.add_button("the target lies on the floor in this frame")
-            self.calibrate_button = gui.add_button("calibrate")
+            self.floor_button = add_button(
+                gui, "the target lies on the floor in this frame",
+                lambda: setattr(self.floor, "value", str(self.time_line.position)),
+            )  # fmt: skip
+            self.calibrate_button = add_button(gui, "calibrate", self.calibrate)
         self.cameras.on_update(
             lambda event: setattr(self.use_button, "disabled", self.cameras.value == _NONE)
         )
-        self.use_button.on_click(lambda event: self.use())
-        self.search_button.on_click(lambda event: self.search())
-        self.floor_button.on_click(
-            lambda event: setattr(self.floor, "value", str(self.time_line.position))
-        )
-        self.calibrate_button.on_click(lambda event: self.calibrate())
         self.target.kind.on_update(lambda event: self._show_fields())
         key = add_key(gui, "Look for the board or wand", "F", self.search)
         self._parts: list[Any] = [
-            self._status, self._picture, self._use_folder, calibrate, self.line, self.words, key,
+            self._status, self._picture, self._use_folder, calibrate, self.slot, self.words, key,
         ]  # fmt: skip
         self._show_fields()
 
@@ -132,7 +127,7 @@ class CalibrateView:
             stated["folder"] = self.views.folder
             stated["output"] = free_folder(self._results, f"{self.views.folder.name}-cameras")
             request = CalibrateRequest.from_stated(Stated(stated))
-            self.slot.start(request, self.line.show, self._show_found)
+            self.slot.start(request, end=self._show_found)
             self._notes, self.calibrate_button.disabled = [], True
             self._tell("")
         except UserError as error:
@@ -159,11 +154,10 @@ class CalibrateView:
         self._notes = []
         try:
             finder = self.target.make_finder(lambda: median_pictures(self.views, chosen))
-            self.found.restart(finder.target.name)
             for number, found in enumerate(find_sightings(self.views, chosen, [finder]), 1):
                 if stopped.is_set():
                     return
-                self.found.add(found)
+                self.target.add(found)
                 self._tell(f"looking: {number} of {len(chosen)} frames")
                 if found:
                     self._reader.ask(found[0].frame)
@@ -175,7 +169,6 @@ class CalibrateView:
 
     def _show_found(self, work: Work) -> None:
         """Show what a calibration has found."""
-        self.line.show(work)
         self.calibrate_button.disabled = False
         kind = "good" if work.succeeded else "warning"
         self._notes = [classify(line, kind) for line in work.words if not line.startswith("$ ")]
@@ -197,12 +190,12 @@ class CalibrateView:
 
     def _show_pictures(self, frame: Frame) -> None:
         pictures = small_pictures(frame, self.views.rig)
-        self.found.mark(pictures, frame.index)
+        self.target.mark(pictures, frame.index)
         self._picture.image = mosaic(pictures)
 
     def _tell(self, doing: str) -> None:
         """Say what is done, found and missing."""
-        found = self.found.describe(self.target.lenses_known)
+        found = self.target.describe()
         self.words.content = make_text(doing) + found + make_lines(self._notes)
 
     def _say(self, error: object) -> None:

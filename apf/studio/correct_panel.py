@@ -12,7 +12,6 @@ import trimesh
 
 from apf.body.model import plain_name
 from apf.request import TrackRequest
-from apf.studio.opened import OpenedTracks
 from apf.studio.watch import TrackWatch
 from apf.tracking.retracking import (
     REACH,
@@ -26,7 +25,7 @@ from cl import InputError, UserError
 from psfs.common.requests import SETTINGS, Stated, read_config
 from psfs.page.pictures import crosses, locate_point
 from psfs.page.server import read_choice
-from psfs.page.timeline import add_key
+from psfs.page.timeline import add_button, add_key
 from psfs.page.words import make_lines, make_text
 
 if TYPE_CHECKING:
@@ -37,6 +36,7 @@ FILE = "corrections.toml"
 _DRAG, _TURN, _POINT = "dragging it", "turning its limb", "clicking it in two pictures"
 _WAYS = (_DRAG, _TURN, _POINT)
 _MOVE = "move this joint"
+#: Joints that are corrected most.
 _FIRST = ("wrist", "elbow", "hand", "ankle", "knee", "foot")
 _SIZE = 0.35  # of a handle, m
 _FIRST_STEP = "Go to a frame with a joint that is wrong, and choose the joint."
@@ -65,21 +65,17 @@ class CorrectPanel:
             "by", _WAYS, initial_value=_DRAG,
             hint="drag the joint, turn it about the joint before it, or click it in two pictures",
         )  # fmt: skip
-        self.place = gui.add_button(_MOVE, hint="key: C", disabled=True)
-        self.cancel = gui.add_button("cancel", visible=False)
+        self.place = add_button(gui, _MOVE, self.toggle_handle, hint="key: C", disabled=True)
+        self.cancel = add_button(gui, "cancel", self.put_back, visible=False)
         self.reach = gui.add_number(
             "time window, s", REACH, min=0.0, max=10.0, step=0.1,
             hint="time before and after the frame that is tracked again",
         )  # fmt: skip
-        self.bad = gui.add_button("mark this frame as bad", hint="key: B", disabled=True)
-        self.undo = gui.add_button("take back the last one", disabled=True)
-        self.again = gui.add_button("track again", disabled=True)
+        mark = "mark this frame as bad"
+        self.bad = add_button(gui, mark, self.mark_bad, hint="key: B", disabled=True)
+        self.undo = add_button(gui, "take back the last one", self.take_back, disabled=True)
+        self.again = add_button(gui, "track again", self.track_again, disabled=True)
         self.list: Any = gui.add_html("")
-        self.place.on_click(lambda event: self.toggle_handle())
-        self.cancel.on_click(lambda event: self.put_back())
-        self.bad.on_click(lambda event: self.mark_bad())
-        self.undo.on_click(lambda event: self.take_back())
-        self.again.on_click(lambda event: self.track_again())
         add_key(gui, "Put a joint right", "C", self.toggle_handle)
         add_key(gui, "Mark frame as bad", "B", self.mark_bad)
 
@@ -98,7 +94,8 @@ class CorrectPanel:
             self._message.content = make_text(f"Open {why} to correct it.")
             self._tell()
             return
-        names = sorted(opened.track.joint_names, key=_order)
+        names = sorted(opened.track.joint_names, key=plain_name)
+        names.sort(key=lambda name: not any(word in name for word in _FIRST))
         self._joints = {plain_name(name): name for name in names}
         self.joint.options = list(self._joints)
         self.joint.value = self.joint.options[0]
@@ -221,9 +218,14 @@ class CorrectPanel:
         if self._watch is None or self.corrections is None:
             return
         try:
-            path = self.write()
-            request = _repeat_request(self._watch.opened, path)
-            self._start(request)
+            path, opened = self.write(), self._watch.opened
+            settings = opened.folder / SETTINGS
+            if opened.sequence is None or not settings.exists():
+                lacks = f"lacks its footage or {SETTINGS}; expected both"
+                raise InputError(f"{opened.folder}: {lacks}")
+            added = Stated({"folders": (opened.sequence.folder,), "corrections": path})
+            stated = added.over(read_config(TrackRequest, settings))
+            self._start(TrackRequest.from_stated(stated))
             said = f"Saved in {path}. Tab Track: tracking again, into a folder of its own."
             self._message.content = make_text(said)
         except UserError as error:
@@ -257,20 +259,6 @@ class CorrectPanel:
         lines = found.describe() if found is not None else []
         self.undo.disabled = self.again.disabled = not lines
         self.list.content = make_lines(("note", line) for line in lines)
-
-
-def _repeat_request(opened: OpenedTracks, corrections: Path) -> TrackRequest:
-    """Return the request of the track, with corrections. Raises InputError."""
-    settings = opened.folder / SETTINGS
-    if opened.sequence is None or not settings.exists():
-        raise InputError(f"{opened.folder}: lacks its footage or {SETTINGS}; expected both")
-    added = Stated({"folders": (opened.sequence.folder,), "corrections": corrections})
-    return TrackRequest.from_stated(added.over(read_config(TrackRequest, settings)))
-
-
-def _order(name: str) -> tuple[bool, str]:
-    """Return a key that sorts the joints that are corrected most first."""
-    return not any(word in name for word in _FIRST), plain_name(name)
 
 
 class JointHandle:

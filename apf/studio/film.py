@@ -15,7 +15,7 @@ import numpy as np
 
 from apf.live.cameras import Captures, average_pictures
 from apf.studio.opened import MakeDevice
-from apf.studio.target_fields import FoundTarget, TargetFields
+from apf.studio.target_fields import TargetFields
 from apf.studio.work import free_folder
 from cl import Device, InputError, NumpyDevice, UserError
 from psfs.backend import make_evidence_function
@@ -28,7 +28,7 @@ from psfs.diagnostics.person_in_view import PersonInView, find_person_in_views
 from psfs.diagnostics.small_views import SILHOUETTES, SMALL_SIDE, Outline, Shrink, extract_outline
 from psfs.output.preview import label_picture
 from psfs.page.pictures import blend_silhouette, fill_view, mosaic, small_pictures
-from psfs.page.timeline import add_key
+from psfs.page.timeline import add_button, add_key
 from psfs.page.words import make_lines, make_table, make_text
 from psfs.request import CALIBRATION
 from psfs.sequence import Frame
@@ -68,7 +68,6 @@ class FilmView:
         self._server, self._captures = server, captures
         self._known, self._results = dict(known), results
         self._make_device, self._open_folder = make_device, open_folder
-        self.found = FoundTarget(captures.rig)
         self.person: PersonCheck | None = None
         self._empty: list[np.ndarray] = []
         self._collecting = False
@@ -94,19 +93,20 @@ class FilmView:
             "look for", (NOTHING, TARGET, PERSON), initial_value=NOTHING,
             hint="in the pictures as they come; recorded or not",
         )  # fmt: skip
-        self.empty_button = gui.add_button(
-            "the room is empty now", hint="key: M; for two seconds nobody is in any picture"
-        )
+        self.empty_button = add_button(
+            gui, "the room is empty now", self.learn_empty,
+            hint="key: M; for two seconds nobody is in any picture",
+        )  # fmt: skip
         self.cameras: Any = gui.add_dropdown(
             "cameras of", (_NONE, *self._known), initial_value=_NONE,
             hint="their calibration, for a recording that can be tracked",
         )  # fmt: skip
-        self.record_button: Any = gui.add_button(_RECORD, hint="key: R; into a new folder")
+        self.record_button = add_button(
+            gui, _RECORD, self.press_record, hint="key: R; into a new folder"
+        )
         with gui.add_folder("the board or wand") as target:
-            self.target = TargetFields(gui, self._known)
+            self.target = TargetFields(gui, self._known, self._captures.rig)
         self.mode.on_update(lambda event: self._restart())
-        self.empty_button.on_click(lambda event: self.learn_empty())
-        self.record_button.on_click(lambda event: self.press_record())
         keys = [
             add_key(gui, "The room is empty now", "M", self.learn_empty),
             add_key(gui, "Begin or end a recording", "R", self.press_record),
@@ -142,10 +142,14 @@ class FilmView:
         assert frame.images is not None
         pictures = small_pictures(frame, self._captures.rig, _WIDTH)
         if self._collecting:
-            self._add_empty(frame.images)
+            self._empty.append(frame.images)
+            if len(self._empty) >= _EMPTY:
+                self._collecting = False
+                self.person = PersonCheck(self._make_device(), self._captures.rig, self._empty)
+                self._note = "good", "the empty room is known; walk in"
         elif self.mode.value == TARGET:
             self._find_target(frame)
-            self.found.mark(pictures, frame.index)
+            self.target.mark(pictures, frame.index)
         elif self.mode.value == PERSON and self.person is not None:
             masks = self.person.examine_frame(frame)
             pictures = [
@@ -196,21 +200,17 @@ class FilmView:
         rig, pictures = self._captures.rig, self._captures.rig.crop(frame.images)
         if self._finder is None:
             self._finder = self.target.make_finder(self._find_medians)
-            self.found.restart(self._finder.target.name)
             self._places = {}
         found = list(self._pool.map(self._finder, range(len(rig)), pictures))
         seen = [Sighting(frame.index, view, *of) for view, of in enumerate(found) if of is not None]
         places = {one.view: one.pixels.mean(axis=0) for one in seen}
-        if any(self._has_moved(view, place) for view, place in places.items()):
+        if any(  # it counts again where a camera sees it elsewhere
+            view not in self._places
+            or np.linalg.norm(place - self._places[view]) > _MOVED * rig[view].size[0]
+            for view, place in places.items()
+        ):
             self._places |= places
-            self.found.add(seen)
-
-    def _has_moved(self, view: int, place: np.ndarray) -> bool:
-        """Return whether a camera sees the target elsewhere than when it last counted."""
-        if view not in self._places:
-            return True
-        way = float(np.linalg.norm(place - self._places[view]))
-        return way > _MOVED * self._captures.rig[view].size[0]
+            self.target.add(seen)
 
     def _find_medians(self) -> list[np.ndarray]:
         """Return each camera's grey picture of the empty room, before which a wand is found."""
@@ -219,13 +219,6 @@ class FilmView:
         mean = np.rint(average_pictures(self._empty).mean).astype(np.uint8)
         cropped = self._captures.rig.crop(mean)
         return [cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY) for picture in cropped]
-
-    def _add_empty(self, images: np.ndarray) -> None:
-        self._empty.append(images)
-        if len(self._empty) >= _EMPTY:
-            self._collecting = False
-            self.person = PersonCheck(self._make_device(), self._captures.rig, self._empty)
-            self._note = "good", "the empty room is known; walk in"
 
     def _find_names(self) -> list[str]:
         """Return the names of the recorded cameras: those of the chosen calibration."""
@@ -246,15 +239,13 @@ class FilmView:
         for number, images in enumerate([] if self._collecting else self._empty):
             cropped = self._captures.rig.crop(images)
             for name, picture in zip(names, cropped, strict=True):
-                place = folder / "background" / name
-                place.mkdir(parents=True, exist_ok=True)
-                write_picture(place / f"{number:03d}.png", picture)
+                write_picture(folder / "background" / name / f"{number:03d}.png", picture)
 
     def _tell(self) -> None:
         """Say what is done, and what of the target, or of the person, was seen."""
         found, line = "", self._note
         if self.mode.value == TARGET:
-            found = self.found.describe(self.target.lenses_known)
+            found = self.target.describe()
         elif self.mode.value == PERSON and self.person is not None:
             found = self.person.describe()
         if self._collecting:

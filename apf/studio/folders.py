@@ -96,17 +96,12 @@ def find_kind(folder: Path) -> str | None:
         return "voxels"
     if _is_take(folder):
         return "take"
-    return "views" if _holds_views(folder) else None
-
-
-def _holds_views(folder: Path) -> bool:
-    """Return whether a folder has videos, or pictures over time, of several cameras."""
     try:
         found = list_pictures(folder)
     except UserError:
-        return False
+        return None
     lasting = [len(of) > 1 or of[0].suffix.lower() in VIDEO_SUFFIXES for of in found.values()]
-    return sum(lasting) > 1
+    return "views" if sum(lasting) > 1 else None  # videos, or pictures over time
 
 
 def _is_take(folder: Path) -> bool:

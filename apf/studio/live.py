@@ -17,7 +17,7 @@ from apf.studio.body_nodes import BodyNodes
 from psfs.cameras.camera import CameraRig
 from psfs.page.nodes import CameraNodes, add_floor, box_around
 from psfs.page.server import BrowserPage
-from psfs.page.timeline import add_key
+from psfs.page.timeline import add_button, add_key
 from psfs.page.words import make_lines, make_text
 
 #: Most updates of the page per second.
@@ -43,17 +43,15 @@ class LivePage(BrowserPage):
         self._ended = threading.Event()
         gui, scene = self.server.gui, self.server.scene
         self.status: Any = gui.add_html(make_text("Waiting for the first pose."))
-        self._button = gui.add_button("end the run", hint="key: X; what is tracked is kept")
-        self._record = gui.add_button(
-            _BEGIN, hint="key: R; a take of its own, in a folder take1, ..."
-        )
-        self._takes: list[tuple[int, int]] = []
-        self._began: int | None = None  # frame in which the take that is recorded began
-        self._record.on_click(lambda event: self.press_record())
-        add_key(gui, "Begin or end a take", "R", self.press_record)
         #: Ends the run.
         self.press_end = stop
-        self._button.on_click(lambda event: self.press_end())
+        hint = "key: X; what is tracked is kept"
+        add_button(gui, "end the run", lambda: self.press_end(), hint=hint)
+        hint = "key: R; a take of its own, in a folder take1, ..."
+        self._record = add_button(gui, _BEGIN, self.press_record, hint=hint)
+        self._takes: list[tuple[int, int]] = []
+        self._began: int | None = None  # frame in which the take that is recorded began
+        add_key(gui, "Begin or end a take", "R", self.press_record)
         add_key(gui, "End the run", "X", self.press_end)
         self.nodes = [
             BodyNodes(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import closing
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -12,15 +12,12 @@ from typing import Any
 import numpy as np
 
 from apf.report.drawing import Figure, draw_mosaic
-from apf.report.summary import (
-    open_tracked_sequence,
-    read_summary,
-    read_tracked_config,
-    read_tracked_grid,
-)
-from apf.tracking.people import PeopleTracks, holds_people, list_people, person_folder
+from apf.report.summary import SUMMARY, read_summary, read_tracked_config, read_tracked_grid
+from apf.tracking.people import PeopleTracks, holds_people, list_people
 from apf.tracking.track import Track
 from cl import Device, InputError, NumpyDevice, UserError
+from psfs.common.files import name_file_in_errors
+from psfs.output.reconstruction_folder import reopen_sequence
 from psfs.page.clouds import CarvedClouds, Opened, try_footage
 from psfs.page.nodes import box_around
 from psfs.sequence import Frame, Sequence
@@ -36,25 +33,20 @@ MakeDevice = Callable[[], Device | NumpyDevice]
 class OpenedTracks(Opened):
     """A run whose bodies are watched.
 
-    tracks: one per person, by the name of the person's folder; one at least. seen: frames (F,) that
-    show each person, by the same names; all without. people: number of people in the take. quality:
-    the lines of the judgement. look_at: frames (n,) to check, by what is doubtful there.
+    figures: each person as drawn, by the name of the person's folder; one at least. people: number
+    of people in the take. quality: the lines of the judgement. look_at: frames (n,) to check, by
+    what is doubtful there.
     """
 
-    tracks: Mapping[str, Track] = field(default_factory=dict)
-    seen: Mapping[str, np.ndarray] = field(default_factory=dict)
+    figures: Mapping[str, Figure] = field(default_factory=dict)
     people: int = 1
     quality: tuple[str, ...] = ()
     look_at: Mapping[str, np.ndarray] = field(default_factory=dict)
 
     @cached_property
-    def figures(self) -> dict[str, Figure]:
-        """Each person as drawn, in the frames that show the person."""
-        several = len(self.tracks) > 1
-        return {
-            name: Figure(track, name, number if several else None, self.seen.get(name))
-            for number, (name, track) in enumerate(self.tracks.items())
-        }
+    def tracks(self) -> dict[str, Track]:
+        """The track of each person."""
+        return {name: figure.track for name, figure in self.figures.items()}
 
     def draw(self, frame: Frame, view: int | None) -> np.ndarray:
         """Return the picture (h, w, 3) uint8 BGR of a frame with all bodies; of one camera (its
@@ -77,12 +69,22 @@ class RunningTake:
     config: ReconstructionConfig
 
 
-def add_tracks(
-    opened: Opened, tracks: Mapping[str, Track], seen: Mapping[str, np.ndarray]
-) -> OpenedTracks:
-    """Return opened voxels with the bodies of tracks, by name, in them; seen: see
-    `read_seen_frames`."""
-    return OpenedTracks(**vars(opened), tracks=tracks, seen=seen)
+def read_figures(folder: Path) -> dict[str, Figure]:
+    """Return each person of a folder of tracks as drawn, in the frames that show the person, by the
+    name of the person's folder. Raises InputError, also if no frame was tracked."""
+    places = list_people(folder) or [folder]
+    people = PeopleTracks.open(folder) if holds_people(folder) else None
+    tracks = people or [Track.open(place) for place in places]
+    seen = [None] * len(places) if people is None else people.seen  # before all are tracked
+    if not any(map(len, tracks)):
+        raise InputError(f"{folder}: holds no tracked frame; expected at least one")
+    figures = {}
+    for number, (place, track, frames) in enumerate(zip(places, tracks, seen, strict=True)):
+        with name_file_in_errors(place):
+            _ = track.its_body if track.dof_names else None
+        who = number if len(places) > 1 else None
+        figures[place.name] = Figure(track, place.name, who, frames)
+    return figures
 
 
 def open_track(
@@ -95,21 +97,17 @@ def open_track(
     several. known: called with the number of each frame after its voxels are carved. running:
     what a run reads that goes on, and has not written that yet. Raises InputError, or
     MissingFileError."""
-    places = list_people(folder) or [folder]
-    tracks = {place.name: Track.open(place) for place in places}
-    first = next(iter(tracks.values()))
-    frames = np.unique(np.concatenate([track.frames for track in tracks.values()]))
-    if not len(frames):
-        raise InputError(f"{folder}: holds no tracked frame; expected at least one")
-    for track in tracks.values():
+    places, figures = list_people(folder) or [folder], read_figures(folder)
+    tracks = [figure.track for figure in figures.values()]
+    frames = np.unique(np.concatenate([track.frames for track in tracks]))
+    for track in tracks:
         _ = track.its_body  # raises InputError
     remarks: list[str] = []
     try:
         summaries = [read_summary(place) for place in places]
         remarks += summaries[0]["warnings"]
-        sequence = try_footage(
-            lambda: open_tracked_sequence(places[0], summaries[0], int(frames[-1])), remarks
-        )
+        facts, file = summaries[0]["sequence"], places[0] / SUMMARY
+        sequence = try_footage(lambda: reopen_sequence(facts, file, int(frames[-1])), remarks)
         running = None
     except UserError as error:  # of a run that goes on, or was killed
         summaries, sequence = [], running.sequence if running is not None else None
@@ -126,25 +124,15 @@ def open_track(
                     yield frame.index, frame.cloud
 
         clouds = CarvedClouds(grid, len(frames), carve, known)
-    joints = [track.joints.reshape(-1, 3) for track in tracks.values()]
+    joints = [track.joints.reshape(-1, 3) for track in tracks]
     voxels = None if clouds is None else clouds.grid
     box = (voxels.low, voxels.high) if voxels else box_around(np.concatenate(joints))
-    quality, look_at = _gather_judgements(list(tracks), summaries)
+    quality, look_at = _gather_judgements(list(figures), summaries)
     people = summaries[0].get("people", 1) if summaries else len(tracks)
     return OpenedTracks(
-        folder, frames, first.fps, box, sequence, clouds, tuple(remarks), running is None,
-        tracks=tracks, seen=read_seen_frames(folder), people=people, quality=quality,
-        look_at=look_at,
+        folder, frames, tracks[0].fps, box, sequence, clouds, tuple(remarks), running is None,
+        figures, people, quality, look_at,
     )  # fmt: skip
-
-
-def read_seen_frames(folder: Path) -> dict[str, np.ndarray]:
-    """Return the frames (F,) that show each person by the name of the person's folder; empty for
-    one person, and before all are tracked."""
-    if not holds_people(folder):
-        return {}
-    people = PeopleTracks.open(folder)
-    return {person_folder(folder, k).name: own for k, own in enumerate(people.seen, start=1)}
 
 
 def _gather_judgements(
@@ -164,10 +152,10 @@ def _gather_judgements(
     return tuple(lines), look_at
 
 
-def _joint_grid(tracks: Mapping[str, Track]) -> VoxelGrid | None:
+def _joint_grid(tracks: Iterable[Track]) -> VoxelGrid | None:
     """Return the grid that covers those of all tracks, in the first one's voxels; None without
     voxels."""
-    grids = [grid for track in tracks.values() if (grid := read_tracked_grid(track)) is not None]
+    grids = [grid for track in tracks if (grid := read_tracked_grid(track)) is not None]
     if len(grids) < 2:
         return grids[0] if grids else None
     low, high = np.min([g.low for g in grids], axis=0), np.max([g.high for g in grids], axis=0)

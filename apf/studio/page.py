@@ -17,13 +17,14 @@ from apf.studio.footage import FootageView
 from apf.studio.opened import MakeDevice, open_track
 from apf.studio.run_panel import RunPanel
 from apf.studio.watch import TrackWatch
-from apf.studio.work import Work, WorkLine, WorkSlot, free_folder
+from apf.studio.work import Work, WorkSlot, free_folder
 from cl import InputError, UserError
 from psfs.cli.program import describe
 from psfs.common.files import read_json
 from psfs.page.clouds import open_voxels
 from psfs.page.drop import receive_files
 from psfs.page.server import BrowserPage
+from psfs.page.timeline import add_button
 from psfs.page.watch import Watch
 from psfs.page.words import make_lines, make_steps, make_text
 from psfs.request import parse_sync
@@ -67,7 +68,6 @@ class Page(BrowserPage):
     ) -> None:
         self.roots, self._make_device, self._results = roots, make_device, results
         self._device, self._stopping = device, False
-        self._demo = WorkSlot()
         super().__init__("psfs-apf studio", port, self._receive)
         self._lock = threading.RLock()
         #: What is open: a folder, or the live cameras.
@@ -110,10 +110,8 @@ class Page(BrowserPage):
             kind = find_kind(path)
             if self._results.is_dir():
                 self.roots.add(self._results)
-            self.close_folder()
+            self._make_room()
             self._choose_in_list(path)
-            self._message.content, self.demo_button.visible = "", False
-            self._show_empty(False)
             server, panels = self.server, (self.watching, self.pictures)
             self._line.visible = kind in ("track", "voxels")
             if kind == "track":
@@ -150,9 +148,7 @@ class Page(BrowserPage):
         """Show the live cameras in place of the folder that is open."""
         with self._lock:
             assert self._captures is not None
-            self.close_folder()
-            self._message.content, self.demo_button.visible = "", False
-            self._show_empty(False)
+            self._make_room()
             self._opened = self._folder.value = _LIVE
             self.view = FilmView(
                 self.server, self._captures, (self.watching, self.pictures),
@@ -172,12 +168,16 @@ class Page(BrowserPage):
             self.view = None
             self._line.visible = False
             self._offer()
-            self._show_empty(True)
+            for note in self._empty:
+                note.visible = True
             self._show_step("Open")
 
-    def _show_empty(self, visible: bool) -> None:
-        for note in self._empty:
-            note.visible = visible
+    def _make_room(self) -> None:
+        """Close the folder that is open, and hide what the page says while none is."""
+        self.close_folder()
+        self._message.content = ""
+        for note in (self.demo_button, *self._empty):
+            note.visible = False
 
     def _open_footage(self, sequence: Sequence) -> None:
         panels = self.watching, self.pictures
@@ -193,8 +193,7 @@ class Page(BrowserPage):
             except UserError as error:
                 self.say(error)
                 return
-            self.close_folder()
-            self._show_empty(False)
+            self._make_room()
             self._open_footage(sequence)
 
     def _choose_in_list(self, path: Path) -> None:
@@ -236,12 +235,11 @@ class Page(BrowserPage):
         output = free_folder(self._results, "demo")
         try:
             request = SynthRequest(output=output, device=self._device)
-            self._demo.start(request, self._demo_line.show, self._show_demo)
+            self._demo.start(request, end=self._show_demo)
         except UserError as error:
             self.say(error)
 
     def _show_demo(self, work: Work) -> None:
-        self._demo_line.show(work)
         if work.succeeded:
             self._show_run(work.output)
         else:
@@ -261,14 +259,12 @@ class Page(BrowserPage):
         )
         self._opened = _NOTHING
         self._message: Any = gui.add_html("")
-        self._demo_line = WorkLine(gui, self._demo)
-        again: Any = gui.add_button("look for new folders", color="gray")
-        again.on_click(lambda event: self.list_folders())
-        self.demo_button: Any = gui.add_button(
-            "demo walk",
+        self._demo = WorkSlot(gui)
+        add_button(gui, "look for new folders", self.list_folders, color="gray")
+        self.demo_button = add_button(
+            gui, "demo walk", self.make_demo,
             hint="makes a synthetic walker before four cameras (apf synth), and opens it",
-        )
-        self.demo_button.on_click(lambda event: self.make_demo())
+        )  # fmt: skip
         self.list_folders()
         self._folder.on_update(lambda event: self._choose())
         self.add_dark()

@@ -7,32 +7,24 @@ from __future__ import annotations
 import json
 import shlex
 from collections.abc import Callable
+from functools import reduce
 from pathlib import Path
 from types import NoneType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from pydantic.fields import FieldInfo
 
 from apf.presets import PRESETS
 from apf.request import TrackRequest
 from apf.settings import Settings
 from apf.studio.opened import RunningTake
-from apf.studio.work import Work, WorkLine, WorkSlot, free_folder
+from apf.studio.work import Work, WorkSlot, free_folder
 from cl import InputError
-from psfs.common.config import (
-    Config,
-    about,
-    describe_range,
-    field_choices,
-    field_kinds,
-    fields_below,
-    part_kind,
-)
+from psfs.common.config import about, describe_range, field_choices, field_kinds, fields_below
 from psfs.common.requests import Stated, nest_tables
 from psfs.diagnostics.sequence_info import find_keypoints
 from psfs.page.server import read_choice, read_metres
-from psfs.page.timeline import add_key
+from psfs.page.timeline import add_button, add_key
 from psfs.page.words import classify, make_code, make_lines, make_text
 from psfs.request import frame_range
 from psfs.sequence import Sequence
@@ -49,21 +41,14 @@ class ChosenSettings:
     """Values of settings that differ from the defaults, by the path of names that leads to each."""
 
     def __init__(self) -> None:
-        self.fields: dict[tuple[str, ...], FieldInfo] = {}
-        self._defaults: dict[str, Config] = {}
-        for node in _NODES:
-            kind = part_kind(Settings.model_fields[node])
-            assert kind is not None
-            self._defaults[node] = kind()
-            self.fields |= dict(fields_below(kind, node))
+        below = dict(fields_below(Settings))
+        self.fields = {path: field for path, field in below.items() if path[0] in _NODES}
+        self._defaults = Settings()
         self.values: dict[tuple[str, ...], Any] = {}
 
     def default(self, path: tuple[str, ...]) -> Any:
         """Return the default of a setting."""
-        value: Any = self._defaults[path[0]]
-        for name in path[1:]:
-            value = getattr(value, name)
-        return value
+        return reduce(getattr, path, self._defaults)
 
     def set(self, path: tuple[str, ...], value: Any) -> None:
         """Choose a value. Raises InputError, which says what is expected, and keeps the old one."""
@@ -75,9 +60,7 @@ class ChosenSettings:
         tried = {**self.values, path: value}
         if value == self.default(path) or (value is None and NoneType not in kinds):
             tried.pop(path)
-        tables = nest_tables(tried)
-        for node, config in self._defaults.items():
-            config.overlay(tables.get(node, {}), node)
+        self._defaults.overlay(nest_tables(tried))
         self.values = tried
 
     @property
@@ -111,16 +94,11 @@ class SettingsPanel:
                 self._shown.append(self._add_field(path))
 
     def _add_field(self, path: tuple[str, ...]) -> Any:
-        field, value = (
-            self.chosen.fields[path],
-            self.chosen.values.get(path, self.chosen.default(path)),
-        )
+        field = self.chosen.fields[path]
+        value = self.chosen.values.get(path, self.chosen.default(path))
         source = about(field, "source")
-        hint = " ".join(
-            filter(
-                None, (field.description, describe_range(field), source and f"Default: {source}.")
-            )
-        )
+        words = field.description, describe_range(field), source and f"Default: {source}."
+        hint = " ".join(filter(None, words))
         kinds, choices = field_kinds(field), field_choices(field)
         if kinds == (bool,):
             control: Any = self._gui.add_checkbox(path[-1], bool(value), hint=hint)
@@ -172,10 +150,10 @@ class RunPanel:
         self._results, self._device, self._show, self._say = results, device, show, say
         self._sequence: Sequence | None = None
         self._volume: Callable[[], tuple[np.ndarray, np.ndarray] | None] = lambda: None
-        self._slot, self._n_shown = WorkSlot(), 0  # frames of the track so far that are shown
+        self._n_shown = 0  # frames of the track so far that are shown
         self._running: RunningTake | None = None  # of the run that was started last
         self._message = gui.add_html(make_text("Open footage to track it."))
-        self.line = WorkLine(gui, self._slot)
+        self.slot = WorkSlot(gui)
         self._status = gui.add_html("")
         self.preset = gui.add_dropdown(
             "preset", [_OURS, *PRESETS], initial_value=_OURS, hint="a paper's whole system"
@@ -187,15 +165,14 @@ class RunPanel:
             "forward only", False, hint="half of the time, less accurate (--one-way)"
         )
         self.keypoints = gui.add_checkbox("use keypoints", False, visible=False)
-        self.start_button = gui.add_button("track", disabled=True, hint="key: T")
+        self.start_button = add_button(gui, "track", self.press_track, disabled=True, hint="key: T")
         self.settings = SettingsPanel(gui)
-        self.start_button.on_click(lambda event: self.press_track())
         add_key(gui, "Track the footage", "T", self.press_track)
 
     @property
     def work(self) -> Work | None:
         """The run that was started last."""
-        return self._slot.work
+        return self.slot.work
 
     def offer(
         self,
@@ -204,7 +181,7 @@ class RunPanel:
     ) -> None:
         """Offer to track a sequence, with the volume that the page states; None offers nothing."""
         self._sequence, self._volume = sequence, volume
-        self.start_button.disabled = sequence is None or self._slot.busy
+        self.start_button.disabled = sequence is None or self.slot.busy
         if sequence is None:
             words = "" if self.work is not None else "Open footage to track it."
             self._message.content = make_text(words)
@@ -242,7 +219,7 @@ class RunPanel:
         own = self._sequence
         stated = request.stated.over(Stated({"output": output}))
         self._n_shown = 0
-        work = self._slot.start(TrackRequest.from_stated(stated), self._follow, self._end)
+        work = self.slot.start(TrackRequest.from_stated(stated), self._follow, self._end)
         self._running = None
         if own is not None and own.folder == request.folder:
             self._running = RunningTake(own, request.reconstruction)
@@ -252,11 +229,11 @@ class RunPanel:
     def find_running(self, output: Path) -> RunningTake | None:
         """Return what a run reads that was started here and goes on, by its folder."""
         same = self.work is not None and self.work.output.resolve() == output.resolve()
-        return self._running if self._slot.busy and same else None
+        return self._running if self.slot.busy and same else None
 
     def close(self) -> None:
         """End the run, if one goes on, and what shows it."""
-        self._slot.close()
+        self.slot.close()
 
     def press_track(self) -> None:
         """Start a run as the panel says, if footage is open; an error is shown on the page."""
@@ -282,7 +259,6 @@ class RunPanel:
         self.start_button.disabled = self._sequence is None
 
     def _tell(self, work: Work) -> None:
-        self.line.show(work)
         ended = [("good" if work.succeeded else "warning", work.describe())] if work.ended else []
         lines = [*ended, *(classify(line, "note") for line in work.words)]
         self._status.content = make_lines(lines) + make_code(shlex.join(work.command))

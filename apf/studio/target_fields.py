@@ -30,65 +30,6 @@ if TYPE_CHECKING:
 _POINT, _SHADE = (0, 230, 120), 0.45
 
 
-class FoundTarget:
-    """The sightings of a target by the cameras of `rig`."""
-
-    def __init__(self, rig: CameraRig) -> None:
-        self._rig = rig
-        self._name = "target"
-        self.sightings: list[Sighting] = []
-        self.coverage: list[Coverage] = []
-
-    def restart(self, name: str) -> None:
-        """Forget all sightings; name: of the target that is searched for from now on."""
-        self._name, self.sightings, self.coverage = name, [], []
-
-    def add(self, found: Sequence[Sighting]) -> None:
-        """Add the sightings of a frame."""
-        self.sightings = [*self.sightings, *found]
-        self.coverage = measure_coverage(list(self._rig), self.sightings)
-
-    def mark(self, pictures: Sequence[np.ndarray], frame: int) -> None:
-        """Draw the found points over pictures (h, w, 3) uint8 RGB, one per camera: those of a
-        frame, by its number, larger; and darken the parts in which nothing was found."""
-        for view, (picture, camera) in enumerate(zip(pictures, self._rig, strict=True)):
-            if self.coverage:
-                _shade(picture, self.coverage[view].cells)
-            scale = picture.shape[1] / camera.size[0]
-            for sighting in self.sightings:
-                if sighting.view == view:
-                    size = 3 if sighting.frame == frame else 1
-                    for x, y in np.rint(scale * sighting.pixels).astype(int).tolist():
-                        cv2.circle(picture, (x, y), size, _POINT, -1)
-
-    def describe(self, lenses_known: bool) -> str:
-        """Return what is found and what is missing, HTML. lenses_known: whether only the cameras'
-        places are to be found."""
-        rows, gaps = [], list[tuple[str, object]]()
-        for camera, seen in zip(self._rig, self.coverage, strict=False):
-            rows.append((camera.name, seen.frames, seen.shared, f"{seen.share:.0%}"))
-            missing = seen.list_gaps(self._name, lenses_known)
-            gaps += [("warning", f"{camera.name} {text}") for text in missing]
-        if not rows:
-            return ""
-        heading = ("camera", "frames", "shared", "covered")
-        return make_table(rows, heading) + make_lines(
-            gaps or [("good", "every camera has seen enough")]
-        )
-
-
-def _shade(picture: np.ndarray, cells: np.ndarray) -> None:
-    """Darken the cells (6, 8) of a picture (h, w, 3) uint8 in which nothing was found."""
-    height, width = picture.shape[:2]
-    columns, rows = CELLS
-    for row, column in np.argwhere(~cells).tolist():
-        part = picture[
-            row * height // rows : (row + 1) * height // rows,
-            column * width // columns : (column + 1) * width // columns,
-        ]
-        part[:] = (_SHADE * part).astype(np.uint8)
-
-
 CHARUCO, CHESSBOARD, WAND, PERSON = "ChArUco board", "chessboard", "wand", "somebody who walks"
 _BOARDS = {CHARUCO: "charuco", CHESSBOARD: "chessboard"}
 _NONE = "not known"
@@ -97,11 +38,16 @@ _MARKER = 0.75
 
 
 class TargetFields:
-    """The fields, in the current folder of `gui`. lenses: calibrations by the names that are
-    offered. kind: of the target, at first."""
+    """The fields, in the current folder of `gui`, and the sightings of the target by the cameras of
+    `rig`. lenses: calibrations by the names that are offered. kind: of the target, at first."""
 
-    def __init__(self, gui: viser.GuiApi, lenses: Mapping[str, Path], kind: str = CHARUCO) -> None:
-        self._lenses = lenses
+    def __init__(
+        self, gui: viser.GuiApi, lenses: Mapping[str, Path], rig: CameraRig, kind: str = CHARUCO
+    ) -> None:
+        self._lenses, self._rig = lenses, rig
+        self._name = "target"
+        self.sightings: list[Sighting] = []
+        self.coverage: list[Coverage] = []
         self.kind = gui.add_dropdown(
             "by", (CHARUCO, CHESSBOARD, WAND, PERSON), initial_value=kind,
             hint="what is filmed by all cameras at once",
@@ -139,15 +85,54 @@ class TargetFields:
 
     @property
     def lenses_known(self) -> bool:
-        """Whether the lenses of another calibration are used."""
+        """Whether the lenses of another calibration are used, so that only the cameras' places are
+        to be found."""
         return self.intrinsics.value != _NONE
 
     def make_finder(self, find_medians: Callable[[], list[np.ndarray]]) -> Finder:
-        """Return the detector of the target. find_medians: returns each camera's grey picture (h,
-        w) uint8 without what moves, for a wand. Raises InputError."""
+        """Return the detector of the target, and forget all sightings. find_medians: returns each
+        camera's grey picture (h, w) uint8 without what moves, for a wand. Raises InputError."""
         request = CalibrateRequest.from_stated(Stated(self.stated()))
-        boards = make_board_finders(request)
-        return boards[0] if boards else MarkerFinder(make_wand(request.wand or ()), find_medians())
+        finder: Finder = next(iter(make_board_finders(request)), None) or MarkerFinder(
+            make_wand(request.wand or ()), find_medians()
+        )
+        self._name, self.sightings, self.coverage = finder.target.name, [], []
+        return finder
+
+    def add(self, found: Sequence[Sighting]) -> None:
+        """Add the sightings of a frame."""
+        self.sightings = [*self.sightings, *found]
+        self.coverage = measure_coverage(list(self._rig), self.sightings)
+
+    def mark(self, pictures: Sequence[np.ndarray], frame: int) -> None:
+        """Draw the found points over pictures (h, w, 3) uint8 RGB, one per camera: those of a
+        frame, by its number, larger; and darken the parts in which nothing was found."""
+        for view, (picture, camera) in enumerate(zip(pictures, self._rig, strict=True)):
+            if self.coverage:
+                sides = zip(picture.shape, CELLS[::-1], strict=False)
+                cells = np.ix_(*(np.arange(side) * count // side for side, count in sides))
+                dark = ~self.coverage[view].cells[cells]
+                picture[dark] = (_SHADE * picture[dark]).astype(np.uint8)
+            scale = picture.shape[1] / camera.size[0]
+            for sighting in self.sightings:
+                if sighting.view == view:
+                    size = 3 if sighting.frame == frame else 1
+                    for x, y in np.rint(scale * sighting.pixels).astype(int).tolist():
+                        cv2.circle(picture, (x, y), size, _POINT, -1)
+
+    def describe(self) -> str:
+        """Return what is found and what is missing, HTML."""
+        rows, gaps = [], list[tuple[str, object]]()
+        for camera, seen in zip(self._rig, self.coverage, strict=False):
+            rows.append((camera.name, seen.frames, seen.shared, f"{seen.share:.0%}"))
+            missing = seen.list_gaps(self._name, self.lenses_known)
+            gaps += [("warning", f"{camera.name} {text}") for text in missing]
+        if not rows:
+            return ""
+        heading = ("camera", "frames", "shared", "covered")
+        return make_table(rows, heading) + make_lines(
+            gaps or [("good", "every camera has seen enough")]
+        )
 
     def stated(self) -> dict[str, Any]:
         """Return what the fields state for a `CalibrateRequest`. Raises InputError."""

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import html
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -124,17 +125,10 @@ class TrackWatch(Watch):
     beside_label = "Pictures and curves"
     opened: OpenedTracks
 
-    def __init__(
-        self,
-        server: viser.ViserServer,
-        opened: OpenedTracks,
-        panel: Any,
-        beside: Any,
-        line: Any = None,
-    ) -> None:
-        # They are computed at each call.
-        self._lost_limbs = {name: track.lost_limbs for name, track in opened.tracks.items()}
-        super().__init__(server, opened, panel, beside, line)
+    @cached_property
+    def _lost_limbs(self) -> dict[str, np.ndarray]:
+        """Each track's lost limbs, which it computes at each call."""
+        return {name: track.lost_limbs for name, track in self.opened.tracks.items()}
 
     def _add_nodes(self, scene: viser.SceneApi) -> None:
         self.bodies = {

@@ -21,6 +21,7 @@ from psfs.common.files import temporary_folder
 from psfs.common.requests import Request, list_options
 from psfs.common.system import PATIENCE
 from psfs.footage.memory import store
+from psfs.page.timeline import add_button
 from psfs.page.words import REFRESH, make_text
 
 if TYPE_CHECKING:
@@ -41,12 +42,16 @@ def free_folder(root: Path, name: str) -> Path:
 
 
 class WorkSlot:
-    """The place of one command at a time, which several browsers may want to start."""
+    """The place of one command at a time, which several browsers may want to start, and what the
+    page shows of it while it goes on: a bar, what it is doing, and a button that cancels it."""
 
-    def __init__(self) -> None:
+    def __init__(self, gui: viser.GuiApi) -> None:
         self._lock = threading.Lock()
         self.work: Work | None = None
         self._follower: threading.Thread | None = None
+        self.words: Any = gui.add_html("", visible=False)
+        self.bar: Any = gui.add_progress_bar(0.0, visible=False)
+        self.button = add_button(gui, "cancel", self.cancel, visible=False, color="gray")
 
     @property
     def busy(self) -> bool:
@@ -64,7 +69,9 @@ class WorkSlot:
 
         def follow() -> None:
             while work.wait_for_news():
+                self._show(work)
                 tell(work)
+            self._show(work)
             end(work)
 
         with self._lock:
@@ -91,6 +98,17 @@ class WorkSlot:
             if self.work is not None:
                 self.work.close()
         self.wait(PATIENCE)
+
+    def remove(self) -> None:
+        """Remove what is shown from the page."""
+        for part in (self.words, self.bar, self.button):
+            part.remove()
+
+    def _show(self, work: Work) -> None:
+        """Show how far a command is."""
+        self.words.content, self.bar.value = make_text(work.describe()), 100 * work.share
+        for part in (self.words, self.bar, self.button):
+            part.visible = not work.ended
 
 
 class Work:
@@ -197,28 +215,6 @@ class Work:
             for line in lines:
                 if line.strip() and not _DRAWN.intersection(line):
                     self._lines.append(line.rstrip())
-
-
-class WorkLine:
-    """What the page shows of the command of a slot while it goes on: a bar, what it is doing, and a
-    button that cancels it."""
-
-    def __init__(self, gui: viser.GuiApi, slot: WorkSlot) -> None:
-        self.words: Any = gui.add_html("", visible=False)
-        self.bar: Any = gui.add_progress_bar(0.0, visible=False)
-        self.cancel: Any = gui.add_button("cancel", visible=False, color="gray")
-        self.cancel.on_click(lambda event: slot.cancel())
-
-    def show(self, work: Work) -> None:
-        """Show how far a command is."""
-        self.words.content, self.bar.value = make_text(work.describe()), 100 * work.share
-        for part in (self.words, self.bar, self.cancel):
-            part.visible = not work.ended
-
-    def remove(self) -> None:
-        """Remove it from the page."""
-        for part in (self.words, self.bar, self.cancel):
-            part.remove()
 
 
 def state_flags(request: Request) -> list[str]:

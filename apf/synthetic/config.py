@@ -107,16 +107,13 @@ class SceneConfig(Config):
         return Walk.sample(self.seed, self.height, self._heading)
 
     @property
-    def first_bearing(self) -> float:
-        """Bearing of the first camera, rad, but for a random part of the cameras' spacing."""
-        import numpy as np
-
-        return float(np.random.default_rng([self.seed, 2]).uniform(0.0, 2 * np.pi))
-
-    @property
     def _heading(self) -> float | None:
         """Direction of a straight walk, rad; None for a round one."""
+        import numpy as np
+
         if self.course == "round":
             return None
+        # of the first camera, but for a random part of the cameras' spacing
+        bearing = float(np.random.default_rng([self.seed, 2]).uniform(0.0, 2 * np.pi))
         beside = math.pi / self.cameras if self.course == "diagonal" else 0.0
-        return self.first_bearing + beside
+        return bearing + beside

@@ -14,7 +14,7 @@ from apf.body.model import BodyModel, find_side, sideless
 from apf.body.stature import lowest_point
 from apf.synthetic.body import HAIR, PRIMITIVE_FLOATS, SHIRT, SHOE, SKIN, TROUSERS, pack_constants
 from apf.synthetic.config import SceneConfig
-from apf.synthetic.walk import Course, Path, Walk
+from apf.synthetic.walk import Path, Walk
 
 #: Mean distances, m, of the two courses from the middle of the room; people on one walk against
 #: those on the other.
@@ -39,11 +39,11 @@ def make_walks(config: SceneConfig) -> list[Walk]:
         on_course = (config.people + outer) // 2
         turn = 2 * np.pi * (number // 2 / on_course) + config.seed
         radius = _OUTER if outer else _INNER
-        course = Course(radius, _WOBBLE, turn, clockwise=not outer)
         walk = Walk.sample(int(rng.integers(2**31)), height)
         pace = 1.0 if outer else _INNER_PACE
         # All on one course walk at one speed, and so stay apart.
-        walks.append(replace(walk, course=course, speed=1.15 * pace, stride=walk.stride * pace))
+        walk = replace(walk, speed=1.15 * pace, stride=walk.stride * pace, radius=radius)
+        walks.append(replace(walk, wobble=_WOBBLE, turn=turn, clockwise=not outer, heading=None))
     return walks
 
 
@@ -108,26 +108,21 @@ class Roamer:
                 self.poses[:, axis.dof] -= axis.sign * (column.min() + column.max()) / 2
         self.joints, self.joint_names = posed_joints(body, self.poses), body.joint_names
         self._cones = posed_cones(body, self.poses)
-        self._order = self._sort_by_group()
+        limbs, rows = limb_bones(body), []
+        for number, cone in enumerate(body.cones):
+            limb = int(np.argmax(limbs[:, cone.bone])) if limbs[:, cone.bone].any() else -1
+            region = SHIRT if limb < 0 else _LIMBS[limb % len(_LIMBS)]
+            rows.append((limb + 1, SKIN if cone.name == "head" else region, number))
+        self._order = np.array(sorted(rows)).T  # group, region, cone; limbs do not blend
         rest = posed_cones(body, body.rest_pose[None])[0]
         along = rest[:, 4:7] - rest[:, 0:3]
         slopes = along[:, 2] / np.linalg.norm(along, axis=1)
         self._heights = np.stack([rest[:, 2], slopes])  # stripes stay on the cloth
 
-    def _sort_by_group(self) -> list[tuple[int, int, int]]:
-        """Return for each primitive its group, region and cone; limbs do not blend into another."""
-        limbs = limb_bones(self.body)
-        rows = []
-        for number, cone in enumerate(self.body.cones):
-            limb = int(np.argmax(limbs[:, cone.bone])) if limbs[:, cone.bone].any() else -1
-            region = SHIRT if limb < 0 else _LIMBS[limb % len(_LIMBS)]
-            rows.append((limb + 1, SKIN if cone.name == "head" else region, number))
-        return sorted(rows)
-
     def posed(self, index: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return primitives (C, PRIMITIVE_FLOATS), balls (S, 4) and the centre (2,) m of the shadow
         map, float32."""
-        groups, regions, order = np.array(self._order).T
+        groups, regions, order = self._order
         cones = self._cones[index, order]
         packed = np.zeros((len(cones), PRIMITIVE_FLOATS))
         a, along = cones[:, 0:3], cones[:, 4:7] - cones[:, 0:3]

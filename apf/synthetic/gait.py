@@ -77,8 +77,8 @@ class GaitModel:
         bob = 0.0120 * walk.height * np.cos(2 * (turn - 2 * np.pi * 0.30))
         root = np.concatenate([xy + sway[:, None] * left, bob[:, None]], 1)
 
-        inward = -1.0 if walk.course.clockwise else 1.0  # lean into the curve
-        if walk.course.heading is not None:
+        inward = -1.0 if walk.clockwise else 1.0  # lean into the curve
+        if walk.heading is not None:
             inward = 0.0
         lean = -1.5 * inward * deg * np.ones_like(phase)
         twist = -walk.pelvis_twist * deg * np.cos(turn)

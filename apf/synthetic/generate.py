@@ -27,7 +27,6 @@ BACKGROUND_FRAMES = 30
 MASK_STEP = 10
 #: A folder with this file was written by us and may be replaced.
 MARK = "synthetic.toml"
-Masks = dict[str, np.ndarray]
 _RESULTS = (
     "calibration.toml",
     "videos/cam*",
@@ -68,7 +67,9 @@ def generate(
                 if i % MASK_STEP == 0:
                     shown = {"truth_masks": np.where(numbers > 0, np.uint8(255), np.uint8(0))}
                     shown |= {"truth_masks_people": numbers} if config.people > 1 else {}
-                    _write_masks(temporary, scene.rig.names, i, shown)
+                    for kind, masks in shown.items():
+                        for camera, mask in zip(scene.rig.names, masks, strict=True):
+                            write_picture(temporary / kind / f"{camera}_{i:06d}.png", mask)
                 if progress is not None:
                     progress(i + 1, config.frames)
         write_truth(temporary, scene)
@@ -79,27 +80,17 @@ def generate(
         write_toml(temporary / MARK, {"synthetic": stated})
 
 
-def _write_masks(folder: Path, cameras: list[str], index: int, shown: Masks) -> None:
-    """Write a frame's masks (V, H, W) of each kind into its folder."""
-    for kind, masks in shown.items():
-        (folder / kind).mkdir(exist_ok=True)
-        for camera, mask in zip(cameras, masks, strict=True):
-            write_picture(folder / kind / f"{camera}_{index:06d}.png", mask)
-
-
 def write_truth(folder: Path, scene: SyntheticScene) -> None:
     """Write truth.npz (metres, Z up) and truth.trc (see `apf.formats.trc`); of several people
     truth.npz with joints (F, P, J, 3) and person_names, and truth_person1.trc and so on."""
     fps, names, everybody = scene.config.fps, scene.joint_names, scene.people_joints
     rest = {"joint_names": np.array(names), "fps": np.float64(fps)}
-    if len(everybody) == 1:
-        np.savez(folder / "truth.npz", joints=scene.joints, **rest)
-        files = ["truth.trc"]
-    else:
+    joints, files = scene.joints, ["truth.trc"]
+    if len(everybody) > 1:
         persons = [f"person{number}" for number in range(1, len(everybody) + 1)]
-        rest["person_names"] = np.array(persons)
-        np.savez(folder / "truth.npz", joints=np.moveaxis(everybody, 0, 1), **rest)
+        joints, rest["person_names"] = np.moveaxis(everybody, 0, 1), np.array(persons)
         files = [f"truth_{person}.trc" for person in persons]
+    np.savez(folder / "truth.npz", joints=joints, **rest)
     for file, joints in zip(files, everybody, strict=True):
         write_trc(folder / file, JointSeries(tuple(names), joints, fps, np.arange(len(joints))))
 
@@ -108,7 +99,6 @@ def write_truth(folder: Path, scene: SyntheticScene) -> None:
 def _open_videos(folder: Path, scene: SyntheticScene) -> Iterator[Callable[[np.ndarray], None]]:
     """Open one video per camera; yield a function that writes images (V, H, W, 3) uint8 BGR to
     them."""
-    folder.mkdir()
     with ExitStack() as stack:
         paths = [folder / f"{camera.name}.mp4" for camera in scene.rig]
         videos = [  # at a quality that keeps the noise

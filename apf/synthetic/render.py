@@ -47,9 +47,15 @@ class SceneRenderer:
         balls: int, *, shadow: float = 1.0,
     ) -> None:  # fmt: skip
         self.rig = rig
-        self._device = device
         views, height, width = len(rig), rig.height, rig.width
-        defines = _defines(rig, furniture, primitives, balls)
+        defines: dict[str, int | float] = {
+            **{"PRIMITIVES": primitives, "BALLS": balls, "PRIMITIVE_FLOATS": PRIMITIVE_FLOATS},
+            **{"HIT": HIT, "MARCH_STEPS": MARCH_STEPS, "FAR": FAR, **rig.defines},
+            **{"POSTERS": len(furniture.posters), "BOXES": len(furniture.boxes)},
+            **{"ROOM_X": ROOM[0], "ROOM_Y": ROOM[1], "ROOM_Z": ROOM[2]},
+            **{"SHADOW_SIZE": SHADOW_SIZE, "SHADOW_STEP": SHADOW_STEP},
+            "TILE": TILE,
+        }
         shape = (views, height, width)
         cameras = device.to_device(rig.packed())
         self._palette = device.to_device(furniture.palette)
@@ -64,17 +70,25 @@ class SceneRenderer:
         self._balls = device.empty((balls, 4), np.float32)
         tile_grid = (-(-width // TILE), -(-height // TILE), views)
         tiles = device.empty((*tile_grid[::-1], primitives + 1), np.uint8, "the tiles")
-        centre = (0.0, 0.0)
         grid = (width, height, views)
         room: dict[str, Argument] = {"picture": rig.picture, "cameras": cameras}
         room |= {"distance": self._distance, "floor_point": self._floor}
-        self._draw_room(furniture, seed, room, defines)
+        device.launch(
+            device.kernel(_STAGE, "empty_room", **defines),
+            grid,
+            row_group(device),
+            **room,
+            posters=device.to_device(furniture.posters),
+            boxes=device.to_device(furniture.boxes),
+            seed=seed,
+            colours=self.room,
+        )()
         self._shadow = device.launch(
             device.kernel(_STAGE, "floor_shadow", **defines),
             (SHADOW_SIZE, SHADOW_SIZE),
             (16, 4),
             balls=self._balls,
-            centre=centre,
+            centre=(0.0, 0.0),
             strength=shadow,
             shadow=on_floor,
         )
@@ -98,30 +112,10 @@ class SceneRenderer:
                 **body,
                 **drawn,
                 **more,
-                centre=centre,
+                centre=(0.0, 0.0),
             )
             for name, more in (("render", {"depth": self.depth}), ("smooth_edges", {}))
         )
-
-    def _draw_room(
-        self,
-        furniture: Furniture,
-        seed: int,
-        arrays: dict[str, Argument],
-        defines: dict[str, int | float],
-    ) -> None:
-        """Enqueue the pictures of the empty room, its distances and the floor's points."""
-        device, rig = self._device, self.rig
-        device.launch(
-            device.kernel(_STAGE, "empty_room", **defines),
-            (rig.width, rig.height, len(rig)),
-            row_group(device),
-            **arrays,
-            posters=device.to_device(furniture.posters),
-            boxes=device.to_device(furniture.boxes),
-            seed=seed,
-            colours=self.room,
-        )()
 
     def draw(
         self, bodies: list[tuple[np.ndarray, np.ndarray, np.ndarray]], palettes: list[np.ndarray]
@@ -176,27 +170,6 @@ class SceneRenderer:
         for launch in (self._shadow, self._render, self._smooth):
             launch.set(centre=centre)
             launch()
-
-
-def _defines(
-    rig: CameraRig, furniture: Furniture, primitives: int, balls: int
-) -> dict[str, int | float]:
-    """Return the compile-time definitions of scene.cl."""
-    return {
-        **{"PRIMITIVES": primitives, "BALLS": balls, "PRIMITIVE_FLOATS": PRIMITIVE_FLOATS},
-        **{"HIT": HIT, "MARCH_STEPS": MARCH_STEPS, "FAR": FAR, **rig.defines},
-        **{"POSTERS": len(furniture.posters), "BOXES": len(furniture.boxes)},
-        **{"ROOM_X": ROOM[0], "ROOM_Y": ROOM[1], "ROOM_Z": ROOM[2]},
-        **{"SHADOW_SIZE": SHADOW_SIZE, "SHADOW_STEP": SHADOW_STEP},
-        "TILE": TILE,
-    }
-
-
-def _centre_motion(motion: Motion) -> Motion:
-    """Shift the motion so that the walked part of the path is centred on the origin."""
-    trail = motion.positions[:, 0, :2]
-    shift = np.append(-0.5 * (trail.min(0) + trail.max(0)), 0.0)
-    return Motion(motion.rotations, motion.positions + shift)
 
 
 class Sensor:
@@ -273,9 +246,6 @@ class SyntheticScene:
         self._palettes = make_palettes(config.seed, config.people)
         self._empty = self.renderer.room.get()
 
-    def __len__(self) -> int:
-        return self.config.frames
-
     @property
     def roamer(self) -> Roamer | None:
         """The body that goes about in place of a person."""
@@ -310,7 +280,11 @@ class _Walker:
     def __init__(self, walk: Walk, config: SceneConfig) -> None:
         gait = GaitModel(walk)
         motion = gait.motion(np.arange(config.frames) / config.fps)
-        self._motion = motion if config.people > 1 else _centre_motion(motion)
+        if config.people == 1:  # the walked part of the path is centred on the origin
+            trail = motion.positions[:, 0, :2]
+            shift = np.append(-0.5 * (trail.min(0) + trail.max(0)), 0.0)
+            motion = Motion(motion.rotations, motion.positions + shift)
+        self._motion = motion
         self.joints = gait.skeleton.joints(self._motion)
         self.joint_names = gait.skeleton.joint_names
         self._flesh = PersonSurface(gait.skeleton)

@@ -44,7 +44,7 @@ class Furniture:
 def make_rig(config: SceneConfig) -> CameraRig:
     """Place cameras on a ring of about 4 m, 1.7-2.6 m high, looking at the centre at about 1 m."""
     rng = np.random.default_rng([config.seed, 2])
-    start = rng.uniform(0.0, 2 * np.pi)  # `config.first_bearing`
+    start = rng.uniform(0.0, 2 * np.pi)  # as of straight walks
     spacing = 2 * np.pi / config.cameras
     heights = np.linspace(1.75, 2.55, config.cameras)[rng.permutation(config.cameras)]
     cameras = []

@@ -2,31 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
 
 @dataclass(frozen=True)
-class Course:
-    """The closed curve or the line on the floor that a person walks along; the default curve stays
-    in the room."""
-
-    radius: float = 1.2
-    """Mean distance from the origin, m."""
-    wobble: float = 0.15
-    """Deviation from a circle, as a share of the radius."""
-    turn: float = 0.0
-    """Rotation about the origin, rad."""
-    clockwise: bool = False
-    """Whether the person walks clockwise, seen from above."""
-    heading: float | None = None
-    """Direction, rad, of a straight line to walk along instead; None for the curve."""
-
-
-@dataclass(frozen=True)
 class Walk:
-    """The parameters of a person's walk.
+    """The parameters of a person's walk, along a closed curve, by default one that stays in the
+    room, or a line on the floor.
 
     Amplitudes from textbook gait analysis (Perry & Burnfield 2010), rounded.
     """
@@ -39,8 +23,16 @@ class Walk:
     """Length of a stride (two steps), m."""
     step_width: float = 0.10
     """Distance between the lines of the left and right feet, m."""
-    course: Course = field(default_factory=Course)
-    """The curve to walk along."""
+    radius: float = 1.2
+    """Mean distance of the curve from the origin, m."""
+    wobble: float = 0.15
+    """Deviation of the curve from a circle, as a share of the radius."""
+    turn: float = 0.0
+    """Rotation of the curve about the origin, rad."""
+    clockwise: bool = False
+    """Whether the person walks clockwise, seen from above."""
+    heading: float | None = None
+    """Direction, rad, of a straight line to walk along instead; None for the curve."""
     start_phase: float = 0.0
     """Share of a stride already walked at time 0; 0 is the left heel strike."""
     arm_swing: float = 22.0
@@ -67,12 +59,10 @@ class Walk:
             speed=1.2 * pace,
             stride=1.25 * height / 1.76 * rng.uniform(0.97, 1.02),
             step_width=rng.uniform(0.08, 0.12),
-            course=Course(
-                wobble=rng.uniform(0.08, 0.18),
-                turn=rng.uniform(0.0, 2 * np.pi),
-                clockwise=bool(rng.integers(2)),
-                heading=heading,
-            ),
+            wobble=rng.uniform(0.08, 0.18),
+            turn=rng.uniform(0.0, 2 * np.pi),
+            clockwise=bool(rng.integers(2)),
+            heading=heading,
             start_phase=rng.uniform(0.0, 1.0),
             arm_swing=rng.uniform(19.0, 25.0),
             elbow_bend=rng.uniform(15.0, 24.0),
@@ -87,14 +77,13 @@ class Path:
     arc length."""
 
     def __init__(self, walk: Walk) -> None:
-        course = walk.course
-        self._line = course.heading
+        self._line = walk.heading
         angle = np.linspace(0.0, 2 * np.pi, 4001)
-        radius = course.radius * (
-            1 + course.wobble * np.cos(2 * angle + 1.0) + 0.3 * course.wobble * np.cos(3 * angle)
+        radius = walk.radius * (
+            1 + walk.wobble * np.cos(2 * angle + 1.0) + 0.3 * walk.wobble * np.cos(3 * angle)
         )
-        direction = -1.0 if course.clockwise else 1.0
-        bearing = direction * angle + course.turn
+        direction = -1.0 if walk.clockwise else 1.0
+        bearing = direction * angle + walk.turn
         self._xy = np.stack([radius * np.cos(bearing), radius * np.sin(bearing)], -1)
         steps = np.diff(self._xy, axis=0)
         self._s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(steps, axis=1))])

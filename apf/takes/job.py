@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
+from apf.keypoints.keypoints import Keypoints
 from apf.request import TrackingRequest
-from apf.takes.keypoints import OpenedKeypoints
 from apf.tracking.progress import StageProgress
 from apf.tracking.recovery import with_seeds
 from cl import Device, InputError, NumpyDevice
@@ -24,7 +24,7 @@ class TrackJob:
     request: of the take; its `output` is the person's folder, or None if nothing is written.
     remarks: warnings about the footage. of_people: which person of how many, for the summary;
     empty for the only one. seen: frames (F,) that show the person, None for all. keypoints: of the
-    person. why_one: why one person alone is tracked even if several are seen.
+    person, with doubts about them. why_one: why one person is tracked even if several are seen.
     """
 
     request: TrackingRequest
@@ -33,7 +33,8 @@ class TrackJob:
     remarks: tuple[str, ...] = ()
     of_people: Mapping[str, int] = field(default_factory=dict)
     seen: np.ndarray | None = None
-    keypoints: OpenedKeypoints = field(default_factory=OpenedKeypoints)
+    keypoints: Keypoints | None = None
+    doubts: tuple[str, ...] = ()
     why_one: str = ""
 
     def title(self, take: str) -> str:
@@ -41,11 +42,6 @@ class TrackJob:
         if not self.of_people:
             return take
         return f"{take}, person {self.of_people['person']} of {self.of_people['people']}"
-
-    @property
-    def seeds(self) -> list[int]:
-        """The seeds of the runs."""
-        return list_seeds(self.request)
 
     @property
     def folders(self) -> list[Path]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from collections.abc import Sequence as Items
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -28,16 +28,10 @@ from psfs.session import Session
 Given = Any
 
 
-@dataclass(frozen=True, eq=False)
-class OpenedKeypoints:
-    """Keypoints of one person, and what looks wrong about them."""
-
-    keypoints: Keypoints | None = None
-    doubts: tuple[str, ...] = ()
-
-
-def people_number(stated: int | str) -> int:
-    """Return the number of people that is stated. Raises InputError."""
+def people_number(stated: int | str) -> int | None:
+    """Return the number of people that is stated, None for auto. Raises InputError."""
+    if stated == "auto":
+        return None
     if not isinstance(stated, int) or not 1 <= stated <= MOST_PEOPLE:
         raise InputError(f"--people is {stated}; expected 1 to {MOST_PEOPLE}, or auto")
     return stated
@@ -45,14 +39,15 @@ def people_number(stated: int | str) -> int:
 
 def read_keypoints(
     given: Given, sequence: Sequence, progress: StageProgress, diagnosis: Diagnosis | None = None
-) -> OpenedKeypoints:
-    """Read the given keypoints for the cameras and frames of `sequence`.
+) -> tuple[Keypoints | None, tuple[str, ...]]:
+    """Read the given keypoints for the cameras and frames of `sequence`; return them, and what
+    looks wrong about them.
 
     Tell what was guessed about them, and what looks wrong between them, or against the silhouettes
     of the footage's `diagnosis`. Raises InputError.
     """
     if given is None or isinstance(given, Keypoints):
-        return OpenedKeypoints(given)
+        return given, ()
     path = keypoints_path(given, sequence.folder)
     if sequence.settings.cameras is None:
         keypoints = Keypoints.open(path, sequence)
@@ -71,7 +66,7 @@ def read_keypoints(
             ]
     for text in wrong:
         progress.warn(f"{path}: {text}")
-    return OpenedKeypoints(keypoints, tuple(wrong))
+    return keypoints, tuple(wrong)
 
 
 def keypoints_path(given: str | Path, folder: Path) -> Path:

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
+from apf.keypoints.keypoints import Keypoints
 from apf.request import TrackingRequest
 from apf.takes.job import TrackJob
 from apf.takes.keypoints import (
-    OpenedKeypoints,
     find_seen_frames,
     match_people_keypoints,
     open_people_keypoints,
@@ -31,11 +31,12 @@ from psfs.session import Session
 @dataclass(frozen=True, eq=False)
 class Person:
     """A person of a take: the frames (F,) that show them, None for all, their session, and their
-    keypoints if there are some."""
+    keypoints if there are some, with what looks wrong about these."""
 
     seen: np.ndarray | None
     session: Session
-    keypoints: OpenedKeypoints = field(default_factory=OpenedKeypoints)
+    keypoints: Keypoints | None = None
+    doubts: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +57,7 @@ class Persons:
         """Return the job of a person, counted from 1; the only one has all files of the take, each
         of several a folder."""
         person, people, out = self.everybody[number - 1], len(self.everybody), job.request.output
-        job = replace(job, seen=person.seen, keypoints=person.keypoints)
+        job = replace(job, seen=person.seen, keypoints=person.keypoints, doubts=person.doubts)
         if people == 1:
             return job
         request = job.request.replace(output=out and person_folder(out, number))
@@ -81,11 +82,8 @@ class Persons:
 def check_people(request: TrackingRequest) -> int | None:
     """Return how many people are asked for, None for as many as are seen. Raises InputError if
     there are several and something else that is stated applies only to one."""
-    if request.people == "auto":
-        return None
-    number = people_number(request.people)
-    why = _explain_one_person(request)
-    if number > 1 and why:
+    number, why = people_number(request.people), _explain_one_person(request)
+    if number is not None and number > 1 and why:
         raise InputError(f"--people {number}: {why}; expected one person")
     return number
 
@@ -110,8 +108,8 @@ def find_persons(job: TrackJob, examination: Examination, given: GivenStart | No
     found = _find_several(job, session, given)
     if found is None:
         stated, progress = job.request.keypoints, job.progress
-        keypoints = read_keypoints(stated, session.sequence, progress, examination.diagnosis)
-        found = Persons(session.frames, (Person(None, session, keypoints),))
+        opened = read_keypoints(stated, session.sequence, progress, examination.diagnosis)
+        found = Persons(session.frames, (Person(None, session, *opened),))
     return found
 
 
@@ -144,9 +142,7 @@ def _find_several(job: TrackJob, session: Session, given: GivenStart | None) -> 
         progress.tell(f"{sequence.name}: {people.describe()}")
     keypoints = match_people_keypoints(request.keypoints, session, people, progress)
     each = zip(people, separate(session, people), keypoints, strict=True)
-    everybody = tuple(
-        Person(person.frames, apart, OpenedKeypoints(points)) for person, apart, points in each
-    )
+    everybody = tuple(Person(person.frames, apart, points) for person, apart, points in each)
     return Persons(people.frames, everybody, people.objects)
 
 
@@ -180,7 +176,7 @@ def _find_by_keypoints(job: TrackJob, session: Session, number: int | None) -> P
         if len(seen):
             settings = replace(session.settings, selection=select_span(seen, session.frames.step))
             own = Session(session.sequence, session.device, settings)
-            everybody.append(Person(seen, own, OpenedKeypoints(keypoints)))
+            everybody.append(Person(seen, own, keypoints))
     if len(everybody) < 2:
         return None
     if number is None:

@@ -115,14 +115,12 @@ def write_files(folder: Path, track: Track, body: BodyModel) -> None:
 def write_people(folder: Path, tracks: PeopleTracks) -> list[Path]:
     """Write the files of each track, see `write_files`: of one into `folder`, of several into a
     folder for each in it, beside people.json. Return the folders."""
-    if len(tracks) == 1:
-        write_files(folder, tracks[0], tracks[0].its_body)
-        return [folder]
-    folders = [person_folder(folder, number) for number in range(1, len(tracks) + 1)]
+    several, numbers = len(tracks) > 1, range(1, len(tracks) + 1)
+    folders = [person_folder(folder, number) for number in numbers] if several else [folder]
     for track, into in zip(tracks, folders, strict=True):
-        into.mkdir(parents=True, exist_ok=True)
         write_files(into, track, track.its_body)
-    tracks.save_list(folder)
+    if several:
+        tracks.save_list(folder)
     return folders
 
 
@@ -144,7 +142,7 @@ def finish_take(job: TrackJob, examination: Examination, take: Take) -> list[Jud
     from apf.report.drawing import write_overlay  # reports take a while to load
     from apf.report.judged import judge_track, paint_surface, write_report
 
-    request, line, session, opened = job.request, job.progress, examination.session, job.keypoints
+    request, line, session = job.request, job.progress, examination.session
     n_done, n_frames = len(take.tracks[0]), line.n_frames
     whole = not was_interrupted(take.tracks[0], n_frames)
     if whole and request.video:
@@ -154,8 +152,8 @@ def finish_take(job: TrackJob, examination: Examination, take: Take) -> list[Jud
             write_overlay(folder / OVERLAY, take.sequence, track, report)
     reasons = {fault.cameras[0]: str(fault) for fault in examination.left_out}
     of_start = take.start.doubts if take.start is not None else []
-    warnings = [*job.remarks, *opened.doubts, *of_start]
-    doubts = (*examination.remaining, *opened.doubts, *of_start)
+    warnings = [*job.remarks, *job.doubts, *of_start]
+    doubts = (*examination.remaining, *job.doubts, *of_start)
     overrides = stated_keys(request.capture)
     sequence = sequence_facts(take.sequence, job.folders[0], overrides, reasons)
     facts = {
@@ -175,7 +173,7 @@ def finish_take(job: TrackJob, examination: Examination, take: Take) -> list[Jud
         if compared:
             line.begin("checking")
         quality = judge_track(
-            session, track, partial(line, "checking"), keypoints=opened.keypoints, doubts=doubts,
+            session, track, partial(line, "checking"), keypoints=job.keypoints, doubts=doubts,
             silhouettes=compared,
         )  # fmt: skip
         quality = replace(quality, seen=job.seen)
@@ -190,7 +188,7 @@ def write_together(job: TrackJob, tracks: PeopleTracks, sequence: Sequence, whol
     """Write people.json; and, as the request says, the overlay and the page of all people, if the
     tracks are `whole`. With several seeds nothing: each person's folders hold a track per seed."""
     folder, line = job.request.output, job.progress
-    if len(job.seeds) > 1 or folder is None:
+    if len(job.folders) > 1 or folder is None:
         return
     from apf.report.drawing import write_overlay
     from apf.report.page import write_page

@@ -188,12 +188,13 @@ def _begin_person(job: TrackJob, persons: Persons, number: int) -> Session:
 
 
 def _keep_judged(job: TrackJob, session: Session) -> None:
-    """Keep the frames that the report is about while the person is tracked."""
-    request = job.request
+    """Have the session keep the frames, as they are carved while the person is tracked, that are
+    judged of the whole track."""
+    request, frames = job.request, session.frames
     if request.method.uses_voxels and request.report and request.output is not None:
-        from apf.report.judged import keep_judged_frames  # takes a while to load
+        from apf.report.agreement import choose_rows  # takes a while to load
 
-        keep_judged_frames(session)
+        session.keep_carved([frames[int(row)] for row in choose_rows(len(frames))])
 
 
 def _finish(job: TrackJob, examination: Examination, take: Take) -> FinishedTake:
@@ -212,12 +213,12 @@ def _start(job: TrackJob, session: Session, given: GivenStart | None) -> Started
     template, keep_shape = load_template(request.body)
     settings = TakeSettings(
         method=request.method,
-        seeds=tuple(job.seeds),
+        seeds=tuple(list_seeds(request)),
         template=template,
         keep_shape=keep_shape,
         height=request.height,
         given=given,
-        keypoints=job.keypoints.keypoints,
+        keypoints=job.keypoints,
     )
     number = job.of_people.get("person")
     with explain_failed_start(sequence, number):

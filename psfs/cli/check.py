@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -67,23 +65,15 @@ def _check(request: CheckRequest) -> None:
     comments += [cut] if cut else []
     named = {name for fault in diagnosis.faults if fault.serious for name in fault.cameras}
     if not comments:
-        comments = low_agreement(sequence.folder, names, found, named)
+        low = [n for n, mean in zip(names, known_means(found), strict=True) if mean < _LOW]
+        comments = [
+            f"camera {name}: its silhouettes and the voxels agree little; they lack parts of the "
+            "person, or hold what the others do not see; look: "
+            f"psfs silhouettes {sequence.folder} -o silhouettes"
+            for name in low
+            if name not in named
+        ]
     _report(run, names, found, bad, comments, clouds)
-
-
-def low_agreement(
-    folder: Path, names: list[str], scores: np.ndarray, named: Collection[str]
-) -> list[str]:
-    """Return texts that name the cameras of a folder with low scores (frames, V), except those
-    `named` already."""
-    means = known_means(scores)
-    low = [n for n, mean in zip(names, means, strict=True) if mean < _LOW and n not in named]
-    return [
-        f"camera {name}: its silhouettes and the voxels agree little; they lack parts of the "
-        "person, or hold what the others do not see; look: "
-        f"psfs silhouettes {folder} -o silhouettes"
-        for name in low
-    ]
 
 
 def _report(
@@ -99,7 +89,12 @@ def _report(
     masked = np.ma.masked_invalid(scores)
     stdout.print(iou_table("IoU with the frames' silhouettes", names, masked))
     if clouds:
-        stdout.print(_format_truth(clouds))
+        means = mean_scores(clouds)
+        mean = {name: "-" if of is None else f"{of:.3f}" for name, of in means.items()}
+        stdout.print(
+            f"true masks of {len(clouds)} frames: IoU {mean['iou']}, with true silhouettes "
+            f"{mean['ceiling']}; share of ghosts {mean['ghosts']}; IoU of voxels {mean['volume']}"
+        )
     left_out: dict[str, str] = run.summary["sequence"].get("left_out", {})
     disagreeing = left_out | {fault.cameras[0]: str(fault) for fault in bad}
     for text in (*disagreeing.values(), *comments):
@@ -122,15 +117,6 @@ def _report(
         report["truth"] = {"definition": CLOUD_DEFINITION, "frames": len(clouds)}
         report["truth"] |= mean_scores(clouds)
     write_json(run.out / _REPORT, report)
-
-
-def _format_truth(clouds: list[CloudScore]) -> str:
-    """Return a line with the clouds' scores."""
-    mean = {name: "-" if of is None else f"{of:.3f}" for name, of in mean_scores(clouds).items()}
-    return (
-        f"true masks of {len(clouds)} frames: IoU {mean['iou']}, with true silhouettes "
-        f"{mean['ceiling']}; share of ghosts {mean['ghosts']}; IoU of voxels {mean['volume']}"
-    )
 
 
 def iou_table(title: str, names: list[str], scores: np.ma.MaskedArray) -> Table:

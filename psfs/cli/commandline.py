@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import logging
+import os
 import re
 import sys
 from collections.abc import Iterator, Sequence
@@ -22,6 +23,13 @@ if TYPE_CHECKING:
     from rich.table import Table
 
 
+#: Columns of output into a file or a pipe, which has no width of its own: room for the widest
+#: table.
+_UNLIMITED = 160
+#: No markup anywhere: paths and names hold brackets.
+_PLAIN: dict[str, Any] = {"highlight": False, "markup": False, "emoji": False}
+
+
 class Messages:
     """Texts and tables printed on a stream, and into the log file if there is one. rich's console
     is created with the first message, since importing it takes a while."""
@@ -37,9 +45,18 @@ class Messages:
     @cached_property
     def console(self) -> Console:
         """The console of rich."""
-        from psfs.cli.console import make_terminal
+        from rich import console
 
-        return make_terminal(self._stderr)
+        class Terminal(console.Console):
+            def on_broken_pipe(self) -> None:
+                """Print nothing more, for nobody reads it (`apf evaluate | head -1`). rich would
+                exit, and the files of the command would not be written."""
+                self.quiet = True
+                os.dup2(os.open(os.devnull, os.O_WRONLY), self.file.fileno())
+
+        own = (sys.stderr if self._stderr else sys.stdout).isatty() or "COLUMNS" in os.environ
+        width = None if own else _UNLIMITED
+        return Terminal(**_PLAIN, width=width, stderr=self._stderr)
 
     def print(self, *objects: Any, **options: Any) -> None:
         """Print like rich's console, without control characters; text is not wrapped. Only into the
@@ -87,10 +104,10 @@ def messages(args: argparse.Namespace) -> Iterator[None]:
         handlers: list[logging.Handler] = [shown]
         log = None
         if args.log_file is not None:
-            from psfs.cli.console import make_log_console
+            from rich.console import Console
 
             file = stack.enter_context(_open_log(args.log_file))
-            log = make_log_console(file)
+            log = Console(file=file, width=_UNLIMITED, color_system=None, **_PLAIN)
             handlers.append(logging.StreamHandler(file))
             handlers[-1].setFormatter(logging.Formatter("%(asctime)s %(name)s: %(message)s"))
         if not sys.warnoptions:
@@ -155,9 +172,19 @@ def add_message_flags(parser: argparse.ArgumentParser) -> None:
 
 def progress_bar() -> Progress:
     """Return a progress bar for long work, on standard error."""
-    from psfs.cli.console import make_progress_bar
+    from rich import progress
 
-    return make_progress_bar(stderr.console, stdout.quiet)
+    from psfs.common.bars import FollowedProgress
+
+    return FollowedProgress(
+        progress.TextColumn("{task.description}", markup=False),
+        progress.BarColumn(),
+        progress.MofNCompleteColumn(),
+        progress.TimeElapsedColumn(),
+        progress.TimeRemainingColumn(),
+        console=stderr.console,
+        disable=stdout.quiet,
+    )
 
 
 def make_table(title: str, names: Sequence[str], figures: Sequence[str]) -> Table:

@@ -24,22 +24,17 @@ def run(request: ConvertRequest) -> None:
     for note in sequence.notes:
         remark("note", "cyan", note)
     if request.to is not None:
-        _write_calibration(request, request.to, sequence)
+        names = ("camera_array.toml", "calibration_psfs.json", "Calib.qca.txt", "*tri.yml")
+        expected = [*names, "calib/*.yml", "sparse/0/*.txt"]
+        with output_folder(request.output, request.COMMAND, sequence.inputs, expected):
+            written = write_calibration(request.output, sequence.rig, request.to)
+        stdout.print(f"wrote {written}: {len(sequence.rig)} cameras for {request.to}")
         return
     folders = ("videos", "images", "masks", "background")
     expected = ["calibration.toml", "sequence.toml", *(f"{f}/**/*.*" for f in folders)]
     with output_folder(request.output, request.COMMAND, sequence.inputs, expected):
         write_native(sequence, request.output)
     stdout.print(f"wrote {request.output}: {len(sequence.rig)} cameras, {len(sequence)} frames")
-
-
-def _write_calibration(request: ConvertRequest, program: str, sequence: Sequence) -> None:
-    """Write the calibration as the program --to has it."""
-    names = ("camera_array.toml", "calibration_psfs.json", "Calib.qca.txt", "*tri.yml")
-    expected = [*names, "calib/*.yml", "sparse/0/*.txt"]
-    with output_folder(request.output, request.COMMAND, sequence.inputs, expected):
-        written = write_calibration(request.output, sequence.rig, program)
-    stdout.print(f"wrote {written}: {len(sequence.rig)} cameras for {program}")
 
 
 #: Settings that are copied; the calibration's unit and axes become metres and Z up.
@@ -55,25 +50,19 @@ def write_native(sequence: Sequence, folder: Path) -> None:
     """
     write_toml_tables(folder / "calibration.toml", sequence.rig)
     footage = sequence.footage
-    if footage.images:
-        kind = "videos" if footage.images[0].is_video else "images"
-        _copy(footage.images, sequence.rig.names, folder / kind)
-    if footage.masks:
-        _copy(footage.masks, sequence.rig.names, folder / "masks")
-    if footage.background:
-        _copy(footage.background, sequence.rig.names, folder / "background")
-    write_toml(folder / "sequence.toml", _settings(sequence))
-
-
-def _settings(sequence: Sequence) -> dict[str, object]:
-    """Return the settings that the files do not state themselves."""
+    pictures = "videos" if footage.images and footage.images[0].is_video else "images"
+    kinds = {pictures: footage.images, "masks": footage.masks, "background": footage.background}
+    for kind, of_kind in kinds.items():
+        if of_kind:
+            _copy(of_kind, sequence.rig.names, folder / kind)
     values = {key: getattr(sequence.settings, key) for key in _COPIED_SETTINGS}
-    media = sequence.footage.images or sequence.footage.masks or ()
+    media = footage.images or footage.masks or ()
     if values["fps"] is None and not any(item.fps for item in media):
         values["fps"] = sequence.fps
     if sequence.volume is not None:
         values["volume"] = np.array(sequence.volume).tolist()
-    return {key: value for key, value in values.items() if value is not None}
+    stated = {key: value for key, value in values.items() if value is not None}
+    write_toml(folder / "sequence.toml", stated)
 
 
 def _copy(media: Items[Media], names: Items[str], folder: Path) -> None:

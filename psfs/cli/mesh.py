@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import trimesh
 
 from cl import InputError, select_device
 from psfs.cli.check import iou_table
@@ -22,7 +21,6 @@ from psfs.mesh.marching_cubes import Mesher, write_mesh
 from psfs.mesh.preview import load_open3d, mesh_silhouette
 from psfs.output.reconstruction_folder import ReconstructionFolder
 from psfs.request import MESH_DEFINITION, MeshRequest
-from psfs.sequence import Frame
 from psfs.session import Session, SessionSettings
 
 #: What --check writes.
@@ -55,7 +53,15 @@ def _mesh(request: MeshRequest, run: ReconstructionFolder, targets: dict[int, Pa
             mesh = mesher(index)
             write_mesh(mesh, path)
             if checker is not None:
-                checks[index] = _check_mesh(mesh, checker, sequence.read(index))
+                scores = []  # IoU (V,), NaN if there is nothing to compare
+                shown = checker.silhouettes(sequence.read(index))
+                for camera, silhouette in zip(checker.rig, shown, strict=True):
+                    ours = np.zeros_like(silhouette)
+                    ours[: camera.size[1], : camera.size[0]] = mesh_silhouette(mesh, camera)
+                    scores.append(iou(ours, silhouette))
+                checks[index] = {
+                    "watertight": mesh.is_watertight, "volume_m3": mesh.volume, "iou": scores,
+                }  # fmt: skip
     if checks:
         _report(request.out, sequence.rig.names, checks)
     path = next(iter(targets.values()))
@@ -88,17 +94,6 @@ def _targets(request: MeshRequest, run: ReconstructionFolder) -> dict[int, Path]
     if resolve_path(path).parent == resolve_path(request.out / "clouds"):
         raise InputError(f"{path}: lies among the clouds, which are read; expected another folder")
     return {number: path}
-
-
-def _check_mesh(mesh: trimesh.Trimesh, checker: Checker, frame: Frame) -> dict[str, object]:
-    """Return whether the mesh is closed, its size, and its IoU (V,), NaN if there is nothing to
-    compare."""
-    scores = []
-    for camera, shown in zip(checker.rig, checker.silhouettes(frame), strict=True):
-        ours = np.zeros_like(shown)
-        ours[: camera.size[1], : camera.size[0]] = mesh_silhouette(mesh, camera)
-        scores.append(iou(ours, shown))
-    return {"watertight": mesh.is_watertight, "volume_m3": mesh.volume, "iou": np.array(scores)}
 
 
 def _report(out: Path, names: list[str], checks: dict[int, dict[str, Any]]) -> None:

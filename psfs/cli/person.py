@@ -205,17 +205,13 @@ def _read_lenses(request: PersonRequest, views: Sequence) -> tuple[list[Camera],
     if path.suffix.lower() in IMAGE_SUFFIXES | VIDEO_SUFFIXES and path.is_file():
         raise InputError(f"{path}: a picture or video; {_EXPECTED}")
     if path.is_dir() and find_calibration(path) is None:
-        return _read_metadata(views, _list_photos(path, views.rig.names)), False
+        photos = list_media(path)  # or videos
+        if not photos:
+            raise InputError(f"{path}: holds no calibration and no photos; {_EXPECTED}")
+        names = views.rig.names
+        pairs, _ = match_files_to_cameras(names, list(photos), str(path), names)
+        return _read_metadata(views, {name: photos[pairs[name]][0] for name in names}), False
     return read_intrinsics(path, views.rig, None), True
-
-
-def _list_photos(folder: Path, names: list[str]) -> dict[str, Path]:
-    """Return a photo, or a video, in the folder by each camera."""
-    found = list_media(folder)
-    if not found:
-        raise InputError(f"{folder}: holds no calibration and no photos; {_EXPECTED}")
-    pairs, _ = match_files_to_cameras(names, list(found), str(folder), names)
-    return {name: found[pairs[name]][0] for name in names}
 
 
 def _read_metadata(views: Sequence, pictures: dict[str, Path]) -> list[Camera]:

@@ -118,9 +118,8 @@ class CommandParser(argparse.ArgumentParser):
         return super().parse_known_args(args, namespace)
 
     def _get_value(self, action: argparse.Action, arg_string: str) -> Any:
-        if (
-            not arg_string and action.nargs != argparse.PARSER
-        ):  # Path("") would be the current folder
+        # Path("") would be the current folder
+        if not arg_string and action.nargs != argparse.PARSER:
             raise argparse.ArgumentError(action, "is empty; expected a value")
         try:
             if callable(action.type):
@@ -183,20 +182,14 @@ def _add_option(target: Any, option: Option) -> None:
         names = [option.dest]
         texts["default"] = None if flag.nargs == "?" else argparse.SUPPRESS
     else:
-        texts["dest"] = option.dest
-        if option.required:
-            texts["required"] = True
+        texts |= {"dest": option.dest, "required": bool(option.required)}
     if option.switch:
         target.add_argument(*names, action="store_const", const=not option.default, **texts)
         return
-    if flag.nargs:
-        texts["nargs"] = flag.nargs
-    if flag.choices:
-        texts["choices"] = flag.choices
-    if flag.metavar:
-        texts["metavar"] = flag.metavar
+    texts |= {"nargs": flag.nargs or None, "choices": flag.choices or None}
     kind = flag.parse or option.kind
-    target.add_argument(*names, type=kind if kind in NUMBERS else option.parse, **texts)
+    parse = kind if kind in NUMBERS else option.parse
+    target.add_argument(*names, type=parse, metavar=flag.metavar or None, **texts)
 
 
 def program_parser(
@@ -344,7 +337,8 @@ def exit_code(program: str, run: Callable[[], None]) -> int:
         if hasattr(stream, "reconfigure"):  # for LANG=C and paths that are not UTF-8
             stream.reconfigure(errors="backslashreplace")
     try:
-        with _interrupt_on_signals():
+        main = threading.current_thread() is threading.main_thread()  # signals come to it alone
+        with handle_signals(interrupt, _ENDING) if main else contextlib.nullcontext():
             run()
         sys.stdout.flush()
         return DONE
@@ -391,13 +385,6 @@ def describe_user_error(error: Exception) -> str | None:
     cv2 = sys.modules.get("cv2")  # an error of OpenCV's comes from an imported OpenCV
     opencv = cv2 is not None and isinstance(error, cv2.error) and error.code == cv2.Error.StsNoMem
     return short if isinstance(error, MemoryError) or unmapped or opencv else None
-
-
-def _interrupt_on_signals() -> contextlib.AbstractContextManager[None]:
-    """Raise KeyboardInterrupt inside, in the main thread, on the signals of `_ENDING`."""
-    if threading.current_thread() is not threading.main_thread():
-        return contextlib.nullcontext()
-    return handle_signals(interrupt, _ENDING)
 
 
 def _say(text: str) -> None:

@@ -79,7 +79,8 @@ def _reconstruct(request: ReconstructRequest, out: OutputFolder) -> None:
                 job.reconstruct(frame)
                 bar.advance(task)
         except BaseException as error:
-            job.keep()
+            with suppress(UserError, KeyboardInterrupt):  # what is finished is written
+                job.finish()
             if job.done and isinstance(error, UserError):
                 raise InputError(
                     f"{error}; {job.n_stated} of {len(frames)} frames are in {request.output}"
@@ -168,11 +169,6 @@ class _Job:
         """Write the summary of the finished frames, in case the process is killed."""
         write_json(self.out / reconstruction_folder.SUMMARY, self._summary())
         self.n_stated, self._stated_at = len(self.done), time.perf_counter()
-
-    def keep(self) -> None:
-        """Write the results so far, after an interruption or an error."""
-        with suppress(UserError, KeyboardInterrupt):
-            self.finish()
 
     def finish(self) -> None:
         """Write summary and preview of the finished frames."""

@@ -43,26 +43,17 @@ def refine(request: CalibrateRequest) -> None:
             "somebody who moves arms and legs, in pictures that show the whole person"
         )
     accepted = found.is_accepted()
-    cameras = found.rig if accepted else session.rig
-    _write(request, CameraRig(tuple(cameras)), found, accepted)
-
-
-def _write(request: CalibrateRequest, rig: CameraRig, found: Alignment, accepted: bool) -> None:
-    out = request.output or Path()
-    verdict = str(found) if accepted else _describe_sound(found)
+    rig, out = CameraRig(tuple(found.rig if accepted else session.rig)), request.output or Path()
+    verdict = str(found) if accepted else (
+        f"the given cameras are kept: with corrected ones the silhouettes of held-out frames "
+        f"differ by {found.after:.2f} px instead of {found.before:.2f}, in pictures of "
+        f"{found.side} px"
+    )  # fmt: skip
     write_toml_tables(out / CALIBRATION, rig)
     write_json(out / REPORT, _summary(request, rig, found, accepted, verdict))
     write_settings(out, request)
     stdout.print(_table(rig, found, accepted))
     stdout.print(f"{verdict}; wrote {out}")
-
-
-def _describe_sound(found: Alignment) -> str:
-    return (
-        f"the given cameras are kept: with corrected ones the silhouettes of held-out frames "
-        f"differ by {found.after:.2f} px instead of {found.before:.2f}, in pictures of "
-        f"{found.side} px"
-    )
 
 
 def _figures(found: Alignment, view: int) -> dict[str, list[float]]:

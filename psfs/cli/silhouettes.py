@@ -45,7 +45,9 @@ def _show(request: SilhouettesRequest, opened: OutputFolder) -> None:
     session = synchronise(Session(open_sequence(request), device, settings))
     sequence = session.sequence
     opened.check_inputs([*sequence.inputs, sequence.folder / TRUE_MASKS])
-    wanted = _select_frames(request, sequence)
+    wanted = sorted(select_common_frames(request.frames, sequence, warn))
+    if request.frames is None:
+        wanted = truth_frames(sequence) or pick_evenly(len(sequence), SHOWN).tolist()
     scores: dict[int, np.ndarray] = {}  # (V, 4) of each frame that was shown
     try:
         with progress_bar() as bar:
@@ -58,28 +60,17 @@ def _show(request: SilhouettesRequest, opened: OutputFolder) -> None:
                 scores[index] = found.scores
     finally:  # write what is finished, also after an interruption
         if scores:
-            write_json(out / REPORT, _report(sequence, scores))
+            stack = np.ma.masked_invalid(np.stack(list(scores.values())))
+            write_json(out / REPORT, _report(sequence, scores, stack))
             write_settings(out, request, ["reconstruction"])
-            stdout.print(_table(sequence.rig.names, scores))
+            stdout.print(_table(sequence.rig.names, stack))
             stdout.print(f"wrote {out}")
 
 
-def _select_frames(request: SilhouettesRequest, sequence: Sequence) -> list[int]:
-    """Return the numbers of the frames to show, ascending. Raises InputError if there is none."""
-    chosen = select_common_frames(request.frames, sequence, warn)
-    if request.frames is not None:
-        return sorted(chosen)
-    return truth_frames(sequence) or pick_evenly(len(sequence), SHOWN).tolist()
-
-
-def _stack_scores(scores: Mapping[int, np.ndarray]) -> np.ma.MaskedArray:
-    """Return (frames, V, 4), masked where there is no truth."""
-    return np.ma.masked_invalid(np.stack(list(scores.values())))
-
-
-def _report(sequence: Sequence, scores: Mapping[int, np.ndarray]) -> dict[str, object]:
-    """Return all figures for JSON."""
-    stack = _stack_scores(scores)
+def _report(
+    sequence: Sequence, scores: Mapping[int, np.ndarray], stack: np.ma.MaskedArray
+) -> dict[str, object]:
+    """Return all figures for JSON; stack: the scores (frames, V, 4), masked without truth."""
     means, worst = stack.mean(axis=0), stack[..., 0].min(axis=0)
     return {
         "definition": DEFINITION,
@@ -97,9 +88,8 @@ def _report(sequence: Sequence, scores: Mapping[int, np.ndarray]) -> dict[str, o
     }
 
 
-def _table(names: list[str], scores: Mapping[int, np.ndarray]) -> Table:
+def _table(names: list[str], stack: np.ma.MaskedArray) -> Table:
     """Return a table of the cameras' means over the frames, with IoU if there are true masks."""
-    stack = _stack_scores(scores)
     known = not np.ma.is_masked(stack[..., 0].mean())
     titles = ("mean IoU", "worst frame", "missed", "too much") if known else ()
     columns = (*titles, "share of the picture")

@@ -31,6 +31,13 @@ def add_key(gui: viser.GuiApi, label: str, key: Any, do: Callable[[], None]) -> 
     return command
 
 
+def add_button(gui: viser.GuiApi, label: str, do: Callable[[], None], **look: Any) -> Any:
+    """Add a button; return viser's handle."""
+    button = gui.add_button(label, **look)
+    button.on_click(lambda event: do())
+    return button
+
+
 class Playback:
     """A clock over the `times` (F,), s, of a run's frames.
 

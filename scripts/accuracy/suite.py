@@ -22,7 +22,7 @@ from apf.body.kinematics import posed_joints
 from apf.body.model import BodyModel
 from apf.body.stature import stature
 from apf.body.toml import load_body
-from apf.evaluation.angle_truth import evaluate_angles, load_true_angles
+from apf.evaluation.angle_truth import evaluate_angles
 from apf.evaluation.evaluate import LIMB_ENDS, LOST_JOINT, LOST_LIMB, Evaluation, evaluate
 from apf.evaluation.joint_names import EVALUATED_JOINTS, evaluated_joints
 from apf.evaluation.truth import load_truth
@@ -174,9 +174,7 @@ def done(device: Device, job: Job, check: Callable[[], object]) -> Outcome:
 
 def _angles(track: Track, truth: Path) -> dict[str, list[float]]:
     """Return the errors of the joint angles, see `Run.angles`."""
-    true_angles = load_true_angles(truth)
-    found = [] if true_angles is None else evaluate_angles(track, true_angles)
-    return {error.name: [error.rms, error.free] for error in found}
+    return {error.name: [error.rms, error.free] for error in evaluate_angles(track, truth)}
 
 
 def _export(track: Track, truth: JointSeries) -> dict[str, float]:

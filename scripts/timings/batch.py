@@ -16,7 +16,7 @@ import argparse
 import itertools
 import tempfile
 import time
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing
 from functools import partial
@@ -26,6 +26,7 @@ from typing import Any
 from apf.cli.batch_take import TakeDone, TakeJob, process_take
 from apf.cli.commands import COMMANDS
 from apf.cluster.processes import Pool, Processes, Task
+from apf.cluster.task_side import TaskProgress
 from apf.cluster.workers import Share, list_own_cores, share_machine
 from apf.request import TrackRequest
 from apf.synthetic.generate import generate
@@ -37,6 +38,8 @@ from psfs.sequence import Sequence as Footage
 from timings.grid import Grid, number
 from timings.results import Results, add_command, add_timing_flags
 
+#: A take, and the time of each of its stages, s: of the clock, and of the CPU.
+TimedTake = tuple[TakeDone, dict[str, float], dict[str, float]]
 #: Takes at once on a GPU; with two GPUs the last two numbers, on each.
 _AT_ONCE = (1, 2, 4, 8)
 #: Counted takes of each worker by default; one with --quick.
@@ -166,11 +169,11 @@ def throughput(
 
     with Processes(shares) as pool:
         short = [task("short", n, True, "--frames=0:3") for n in range(n_workers)]
-        took = sum(sum(one.seconds.values()) for one in _done(pool, short)) / n_workers
+        took = sum(sum(stages.values()) for _, stages, _ in _done(pool, short)) / n_workers
         with closing(_done(pool, one_after_another(took / n_workers))) as without_end:
             done = list(itertools.islice(without_end, per_worker * n_workers))
             seconds = time.perf_counter() - began
-    frames = sum(row.frames or 0 for one in done for row in one.rows)
+    frames = sum(row.frames or 0 for one, *_ in done for row in one.rows)
     return {
         "workers": n_workers,
         "gpus": len({share.device for share in shares if not share.cores}),
@@ -178,8 +181,8 @@ def throughput(
         "seconds": seconds,
         "per_minute": 60 * len(done) / seconds,
         "frames_per_s": frames / seconds,
-        "stages": _means([one.seconds for one in done]),
-        "core_stages": (core_stages := _means([one.core_seconds for one in done])),
+        "stages": _means([stages for _, stages, _ in done]),
+        "core_stages": (core_stages := _means([stages for *_, stages in done])),
         "core_s": sum(core_stages.values()),
     }
 
@@ -191,7 +194,27 @@ def _task(take: Path, out: Path, name: str, flags: Sequence[str], given: bool) -
     args = program_parser("apf", "", COMMANDS).parse_args(["track", *words])
     request = TrackRequest.from_stated(find_stated(TrackRequest, args))
     job = TakeJob(name, request, out / "log")
-    return Task(name, process_take, (job,))
+    return Task(name, process_timed, (job,))
+
+
+def process_timed(progress: TaskProgress, job: TakeJob) -> TimedTake:
+    """Process a take; return it with the time of each stage, s, and its CPU time, s."""
+    seconds, core_seconds = defaultdict[str, float](float), defaultdict[str, float](float)
+    enter, stage, begun = progress._enter, "", (time.monotonic(), time.process_time())
+
+    def switch(to: str) -> None:
+        nonlocal stage, begun
+        now = time.monotonic(), time.process_time()
+        seconds[stage] += now[0] - begun[0]
+        core_seconds[stage] += now[1] - begun[1]
+        stage, begun = to, now
+        enter(to)
+
+    progress._enter = switch  # type: ignore[method-assign]
+    done = process_take(progress, job)
+    switch("")
+    del seconds[""], core_seconds[""]  # before the first stage
+    return done, dict(seconds), dict(core_seconds)
 
 
 def _means(of_takes: Sequence[Mapping[str, float]]) -> dict[str, float]:
@@ -202,11 +225,11 @@ def _means(of_takes: Sequence[Mapping[str, float]]) -> dict[str, float]:
     return {stage: total / len(of_takes) for stage, total in sums.items()}
 
 
-def _done(pool: Pool, tasks: Iterable[Task]) -> Generator[TakeDone, None, None]:
+def _done(pool: Pool, tasks: Iterable[Task]) -> Generator[TimedTake, None, None]:
     named = ((task.name, partial(pool.run, task)) for task in tasks)
     with closing(pool.outcomes(named)) as outcomes:
         for name, outcome in outcomes:
-            if not isinstance(outcome, TakeDone):
+            if isinstance(outcome, BaseException):
                 raise InputError(f"{name}: {outcome}")
             yield outcome
 

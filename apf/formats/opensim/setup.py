@@ -30,7 +30,7 @@ from apf.formats.motion import BodyMotion
 from apf.formats.opensim.model import GenericModel, find_model, read_model
 from apf.formats.trc import JointSeries, write_trc
 from cl import InputError
-from psfs.common.files import open_text, write_atomically
+from psfs.common.files import write_atomically, write_text
 
 #: The files, in a folder of their own.
 MODEL, MARKERS, MARKER_SET = "generic.osim", "markers.trc", "markers.xml"
@@ -84,33 +84,6 @@ _FRONTS = {
 _LATERAL = {"elbow": ("upper_arm", "humerus", 0.5), "knee": ("thigh", "femur", 0.5)}
 _SIGNS = {"l": -1.0, "r": 1.0}
 _NEEDED = ("pelvis", "neck", "head_top", *(f"{s}_{joint}" for s in "lr" for joint in _JOINTS))
-
-
-def write_setup(folder: Path, motion: BodyMotion, model: GenericModel) -> tuple[Path, ...]:
-    """Write the generic model, the markers (TRC and where they are on the model), and the set-ups
-    of OpenSim's ScaleTool and InverseKinematicsTool; return the files. Raises InputError for a body
-    without the joints, or if a file cannot be written."""
-    lacking = [name for name in _NEEDED if name not in motion.body.joint_names]
-    if lacking:
-        raise InputError(
-            f"body {motion.body.name}: has no {', '.join(lacking)}; expected a whole body for "
-            "--to osim"
-        )
-    scales = scale_factors(motion.body, model)
-    places = marker_places(motion.body, model, scales)
-    series = marker_series(motion)
-    times = series.times
-    texts = {
-        MODEL: _start_model(model, motion),
-        MARKER_SET: _marker_set(places),
-        SCALING: _scaling(scales),
-        INVERSE_KINEMATICS: _inverse_kinematics(places, times[0], times[-1]),
-    }
-    for name, text in texts.items():
-        with open_text(folder / name) as file:
-            file.write(text)
-    write_trc(folder / MARKERS, series)
-    return tuple(folder / name for name in (*texts, MARKERS))
 
 
 def scale_factors(body: BodyModel, model: GenericModel) -> dict[str, np.ndarray]:
@@ -322,12 +295,30 @@ opensim.InverseKinematicsTool("{INVERSE_KINEMATICS}").run()
 
 
 def write_opensim(folder: Path, motion: BodyMotion, model: Path | None) -> tuple[Path, ...]:
-    """Write the set-up of the motion for OpenSim into `folder`, see `apf.formats.opensim.setup`,
-    and, if Python's opensim is installed, the scaled model and its angles over time. model: the
-    generic one, by default Pose2Sim's. Returns the files. Raises InputError."""
+    """Write into `folder` the generic model, the markers (TRC and where they are on the model), the
+    set-ups of OpenSim's ScaleTool and InverseKinematicsTool, and, if Python's opensim is installed,
+    the scaled model and its angles over time; return the files. model: the generic one, by default
+    Pose2Sim's. Raises InputError, also for a body without the joints."""
     generic = read_model(find_model(model))
-    folder.mkdir(parents=True, exist_ok=True)
-    files = write_setup(folder, motion, generic)
+    lacking = [name for name in _NEEDED if name not in motion.body.joint_names]
+    if lacking:
+        raise InputError(
+            f"body {motion.body.name}: has no {', '.join(lacking)}; expected a whole body for "
+            "--to osim"
+        )
+    scales = scale_factors(motion.body, generic)
+    places = marker_places(motion.body, generic, scales)
+    series = marker_series(motion)
+    texts = {
+        MODEL: _start_model(generic, motion),
+        MARKER_SET: _marker_set(places),
+        SCALING: _scaling(scales),
+        INVERSE_KINEMATICS: _inverse_kinematics(places, series.times[0], series.times[-1]),
+    }
+    for name, text in texts.items():
+        write_text(folder / name, text)
+    write_trc(folder / MARKERS, series)
+    files = tuple(folder / name for name in (*texts, MARKERS))
     if importlib.util.find_spec("opensim") is None:
         return files
     return files + run_tools(folder, Path(sys.executable))

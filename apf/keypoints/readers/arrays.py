@@ -43,7 +43,12 @@ def read_keypoints_npz(path: Path) -> RawKeypoints:
                 f"{path}: {key} has values {values.shape}; expected ({wanted},), for keypoints of "
                 f"values {data['keypoints'].shape}"
             )
-    return _build_raw(path, views, tuple(map(str, names)), cameras)
+    keys = [str(key) for key in (range(1, len(views) + 1) if cameras is None else cameras)]
+    if len(set(keys)) < len(keys):
+        raise InputError(f"{path}: camera names must differ; found {join_names(keys)}")
+    by_camera = {key: view[:, None] for key, view in zip(keys, views, strict=True)}
+    shares, named = _are_shares(by_camera), cameras is not None
+    return RawKeypoints(path, tuple(map(str, names)), by_camera, named, shares)
 
 
 def read_array(path: Path) -> RawKeypoints:
@@ -65,19 +70,19 @@ def read_arrays(path: Path, files: dict[str, Path]) -> RawKeypoints:
         stated = join_names(f"{name} {count}" for name, count in counts.items())
         raise InputError(f"{path}: cameras differ in their numbers of keypoints: {stated}")
     one = list(files) == [""]
-    several = [str(files[name]) for name, array in arrays.items() if not one and len(array) > 1]
-    if several:
-        raise InputError(f"{join_names(several)}: holds several cameras; expected one per file")
+    wrong = [str(files[name]) for name, array in arrays.items() if not one and len(array) > 1]
+    if wrong:
+        raise InputError(f"{join_names(wrong)}: holds several cameras; expected one per file")
     names = find_order(
         str(path), np.concatenate([a.reshape(-1, *a.shape[2:]) for a in arrays.values()])
     )
     notes: list[str] = []
     for name, array in arrays.items():
         notes += _drop_depth(files[name], array[:, :, : len(names)])
-    if one:
-        return _build_raw(path, arrays[""][:, :, : len(names)], names, None, tuple(notes))
+    if one:  # of all cameras
+        arrays = {f"{view + 1}": array[None] for view, array in enumerate(arrays[""])}
     views = {name: array[0][:, None, : len(names)] for name, array in arrays.items()}
-    return RawKeypoints(path, names, views, shares=_are_shares(views), notes=tuple(notes))
+    return RawKeypoints(path, names, views, not one, _are_shares(views), tuple(notes))
 
 
 def _drop_depth(path: Path, views: np.ndarray) -> list[str]:
@@ -111,21 +116,6 @@ def _to_views(path: Path, array: np.ndarray) -> np.ndarray:
         score = np.where(np.isfinite(views).all(-1, keepdims=True), 1.0, np.nan)
         views = np.concatenate([views, score], axis=-1)
     return views
-
-
-def _build_raw(
-    path: Path,
-    views: np.ndarray,
-    names: tuple[str, ...],
-    cameras: np.ndarray | None,
-    notes: tuple[str, ...] = (),
-) -> RawKeypoints:
-    """Build the raw keypoints of one person from (V, F, K, 3)."""
-    keys = [f"{view + 1}" for view in range(len(views))] if cameras is None else cameras
-    by_camera = {str(key): view[:, None] for key, view in zip(keys, views, strict=True)}
-    if len(by_camera) < len(views):
-        raise InputError(f"{path}: camera names must differ; found {join_names(map(str, keys))}")
-    return RawKeypoints(path, names, by_camera, cameras is not None, _are_shares(by_camera), notes)
 
 
 def _are_shares(views: dict[str, np.ndarray]) -> bool:

@@ -315,8 +315,13 @@ def _build_raw(path: Path, people: dict[tuple[str, ...], list[list[np.ndarray]]]
     if len(counts) > 1:
         sizes = join_names(map(str, counts))
         raise InputError(f"{path}: persons have {sizes} keypoints; expected the same number of all")
-    views = {}
-    for name, frames in zip(_short_names(list(people)), people.values(), strict=True):
+    views, parts = {}, [list(path_parts) for path_parts in people]
+    for end in (0, -1):  # without the parts that all share at the beginning or end
+        while min(map(len, parts)) > 1 and len({path_parts[end] for path_parts in parts}) == 1:
+            for path_parts in parts:
+                del path_parts[end]
+    short = ["/".join(name for name in path_parts if name) or "." for path_parts in parts]
+    for name, frames in zip(short, people.values(), strict=True):
         shape = (len(frames), max([1, *map(len, frames)]), counts[0], 3)
         if 8 * math.prod(shape) > _MOST_BYTES:
             raise InputError(
@@ -331,13 +336,3 @@ def _build_raw(path: Path, people: dict[tuple[str, ...], list[list[np.ndarray]]]
     points = np.concatenate([view.reshape(-1, counts[0], 3) for view in views.values()])
     names = find_order(str(path), points)
     return RawKeypoints(path, names, {name: v[:, :, : len(names)] for name, v in views.items()})
-
-
-def _short_names(paths: list[tuple[str, ...]]) -> list[str]:
-    """Shorten these paths to names, without the parts that all share at the beginning or end."""
-    parts = [list(path) for path in paths]
-    for end in (0, -1):
-        while min(map(len, parts)) > 1 and len({path[end] for path in parts}) == 1:
-            for path in parts:
-                del path[end]
-    return ["/".join(name for name in path if name) or "." for path in parts]

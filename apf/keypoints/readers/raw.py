@@ -33,8 +33,6 @@ class RawKeypoints:
     sparse: bool = False
 
     def __post_init__(self) -> None:
-        if not self.views:
-            raise InputError(f"{self.path}: holds keypoints of no camera")
         if len(set(self.names)) < len(self.names):
             raise InputError(
                 f"{self.path}: keypoint names must differ; found {join_names(self.names)}"

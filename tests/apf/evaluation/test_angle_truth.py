@@ -15,7 +15,6 @@ from apf.cli.evaluate import print_angles
 from apf.evaluation.angle_truth import (
     AngleError,
     evaluate_angles,
-    load_true_angles,
     mean_error,
     summarise_angles,
 )
@@ -59,10 +58,8 @@ def truth(tmp_path: Path) -> tuple[Path, np.ndarray]:
 
 def errors_of(path: Path, poses: np.ndarray) -> dict[str, AngleError]:
     """Return the errors of a track of these poses, by the angles' names."""
-    true_angles = load_true_angles(path)
-    assert true_angles is not None
     track = track_of_poses(SONG, poses, 30.0)
-    return {error.name: error for error in evaluate_angles(track, true_angles)}
+    return {error.name: error for error in evaluate_angles(track, path)}
 
 
 def test_the_same_motion_has_the_same_angles(truth: tuple[Path, np.ndarray]) -> None:
@@ -107,10 +104,11 @@ def test_a_bent_knee_shows_in_degrees(
 def test_a_truth_without_rotations_or_with_broken_ones(tmp_path: Path) -> None:
     given = {"joint_names": np.array(["l_hip"]), "joints": np.zeros((2, 1, 3)), "fps": 30.0}
     np.savez(tmp_path / "plain.npz", **given)
-    assert load_true_angles(tmp_path / "plain.npz") is None
-    assert load_true_angles(tmp_path / "truth.trc") is None
+    poses = 0.3 * bodies.random_poses(SONG, 2)
+    assert errors_of(tmp_path / "plain.npz", poses) == {}
+    assert errors_of(tmp_path / "truth.trc", poses) == {}
     wide = {"bone_names": np.array(["Hips"]), "bone_rotations": np.full((2, 1, 3, 3), 7.0)}
     np.savez(tmp_path / "wide.npz", **given, **wide)
     with pytest.raises(InputError, match="bone_rotations"):
-        load_true_angles(tmp_path / "wide.npz")
+        errors_of(tmp_path / "wide.npz", poses)
     assert summarise_angles([]) == {}

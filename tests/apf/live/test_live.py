@@ -390,7 +390,7 @@ def test_two_people_have_a_tracker_each(filmed: Path) -> None:
         person.tracker.observe(shown)
     both.keep(observed, both.search(), 0.1)
     assert [estimate.lost for estimate in both.result.newest] == [False, True]
-    assert [len(each) for each in both.result.list_estimates()] == [1, 1]
+    assert [len(each) for each in both.result.estimates] == [2]
     np.testing.assert_allclose(both.result.newest[1].pose, aside, atol=1e-6)
 
 

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -11,7 +12,7 @@ from apf.evaluation.joint_names import EVALUATED_JOINTS
 from apf.filters.method import Method
 from apf.formats.trc import JointSeries
 from apf.live.config import LiveConfig
-from apf.live.pace import Pace, describe_run
+from apf.live.pace import describe_run, expect_pace
 from apf.live.session import STAGES, Governor, LiveResult, list_sizes, resize_search
 from apf.live.sources import ACQUISITION
 from apf.live.timeline import Span, Timeline, live_errors
@@ -25,11 +26,18 @@ def timeline_of(rate: float, n: int = 10) -> Timeline:
 
 
 def test_what_is_to_be_expected() -> None:
-    slow = Pace(4.0, 30.0, 0.2, 0.05, 0.5)
-    assert not slow.keeps_up and "about 4.0 poses per second" in str(slow)
-    assert slow.advice.startswith("faster with smaller pictures (--scale 0.25), a smaller search")
-    assert Pace(4.0, 30.0, 0.05, 0.2, 0.5).advice.startswith("faster with a smaller search")
-    assert Pace(28.0, 30.0, 0.02, 0.01, 1.0).keeps_up
+    def pace(rate: float, processing: float, searching: float, scale: float) -> tuple[bool, str]:
+        governor = SimpleNamespace(costs=[searching], chosen=0)
+        live = SimpleNamespace(
+            expected_rate=rate, processing_time=processing, governor=governor, scale=scale
+        )
+        return expect_pace(live, 30.0)  # type: ignore[arg-type]
+
+    keeps_up, slow = pace(4.0, 0.2, 0.05, 0.5)
+    assert not keeps_up and "about 4.0 poses per second" in slow
+    assert "; faster with smaller pictures (--scale 0.25), a smaller search" in slow
+    assert "; faster with a smaller search" in pace(4.0, 0.05, 0.2, 0.5)[1]
+    assert pace(28.0, 0.02, 0.01, 1.0)[0]
 
 
 def test_a_lost_person_is_told() -> None:

@@ -79,7 +79,7 @@ def test_board_is_found_and_cameras_are_used(day: Path, page: Page) -> None:
     assert view._worker is not None
     view._worker.join(600)
     assert "looked at all frames" in view.words.content and "cam" in view.words.content
-    assert all(seen.frames >= 5 for seen in view.found.coverage)
+    assert all(seen.frames >= 5 for seen in view.target.coverage)
     view.calibrate()
     view.slot.wait(600)
     work = view.slot.work
@@ -119,9 +119,9 @@ def test_board_is_found_live(day: Path, tmp_path: Path) -> None:
         for frame in frames:
             film.examine_frame(frame)
         assert "covered" in film.words.content and "expected 12 or more" in film.words.content
-        n_found = len(film.found.sightings)
+        n_found = len(film.target.sightings)
         film.examine_frame(frames[-1])  # it has not moved
-        assert n_found == len(film.found.sightings) > 15
+        assert n_found == len(film.target.sightings) > 15
         film.mode.value = PERSON_LIVE
         assert "nobody in the pictures" in film.words.content or film.person is None
     finally:

@@ -8,6 +8,7 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
+from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
@@ -169,7 +170,7 @@ def test_page_tracks_corrects_and_takes_home(page: Page, take: Path, tmp_path: P
     assert work is not None
     wait_for(lambda: work.ended)
     assert work.succeeded, work.words
-    wait_for(lambda: page.view not in (watch, None) and not run.line.cancel.visible)
+    wait_for(lambda: page.view not in (watch, None) and not run.slot.button.visible)
     assert isinstance(page.view, TrackWatch) and page.view.opened.frames.tolist() == [0, 1, 2]
     better = Track.open(work.output)
     off = np.linalg.norm(np.stack([t.joints[1, wrist] for t in (track, better)]) - goal, axis=1)
@@ -192,7 +193,7 @@ def test_page_tracks_corrects_and_takes_home(page: Page, take: Path, tmp_path: P
 
 
 def test_two_presses_start_one_run_whose_error_is_shown(tmp_path: Path) -> None:
-    slot, barrier = WorkSlot(), threading.Barrier(4)
+    slot, barrier = WorkSlot(MagicMock()), threading.Barrier(4)
     started: list[Work] = []
     tables = {"method": {"recover": False}}
 
