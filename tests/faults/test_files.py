@@ -87,6 +87,7 @@ TRACK: dict[str, dict[str, Any]] = {
     "edges outside": {"edges": np.array([[0, 99]])},
     "negative frames": {"frames": np.arange(N) - 3},
     "falling frames": {"frames": np.arange(N)[::-1]},
+    "a frame twice": {"frames": np.zeros(N, int)},
     "fps 0": {"fps": np.array(0.0)},
     "fps 1e-300": {"fps": np.array(1e-300)},
     "no JSON": {"provenance": np.array("{")},
@@ -104,29 +105,22 @@ TRUTH: dict[str, dict[str, Any]] = {
     "infinite joints": {"joints": np.full((N, 15, 3), INF)},
     "no truth at all": {"joints": np.full((N, 15, 3), NAN)},
     "other names": {"joint_names": np.array([f"x{i}" for i in range(15)])},
+    "a frame twice": {"frames": np.zeros(N, int)},
     "other frames": {"frames": np.arange(N) + 1000},
     "fps NaN": {"fps": np.array(NAN)},
 }
 
 
-@pytest.mark.parametrize("fault", CLOUD)
-def test_clouds(stock: Path, fault: str) -> None:
-    path = stock / "out/clouds/frame_000001.npz"
-    changed_npz(path, **CLOUD[fault])
-    refused(FILES["out/clouds/frame_000001.npz"], stock, path.name)
+ARRAYS = {"out/clouds/frame_000001.npz": CLOUD, "track/track.npz": TRACK, "truth.npz": TRUTH}
 
 
-@pytest.mark.parametrize("fault", TRACK)
-def test_tracks(stock: Path, fault: str) -> None:
+@pytest.mark.parametrize(
+    ("name", "fault"), [(name, fault) for name, faults in ARRAYS.items() for fault in faults]
+)
+def test_arrays(stock: Path, name: str, fault: str) -> None:
     (stock / "track/body.toml").unlink()
-    changed_npz(stock / "track/track.npz", **TRACK[fault])
-    refused(FILES["track/track.npz"], stock, "track")
-
-
-@pytest.mark.parametrize("fault", TRUTH)
-def test_truths(stock: Path, fault: str) -> None:
-    changed_npz(stock / "truth.npz", **TRUTH[fault])
-    refused(FILES["truth.npz"], stock, "truth.npz")
+    changed_npz(stock / name, **ARRAYS[name][fault])
+    refused(FILES[name], stock, Path(name).name)
 
 
 TRC: dict[str, Callable[[str], str]] = {
@@ -217,10 +211,25 @@ def test_pictures(stock: Path, fault: str, index: int) -> None:
         refused(words, stock, "c3")
 
 
+def cut_after_the_index(path: Path) -> None:
+    """Write a truncated video whose leading index (as for streaming) promises more frames."""
+    data = path.read_bytes()
+    start, header = data.index(b"mdat") - 4, data.index(b"moov") - 4
+    moov = bytearray(data[header:])
+    table = moov.index(b"stco") + 8
+    for i in range(int.from_bytes(moov[table : table + 4], "big")):
+        at = table + 4 + 4 * i
+        offset = int.from_bytes(moov[at : at + 4], "big") + len(moov)
+        moov[at : at + 4] = offset.to_bytes(4, "big")
+    pictures = data[start:header]
+    path.write_bytes(data[:start] + bytes(moov) + pictures[: len(pictures) // 2])
+
+
 VIDEOS: dict[str, Callable[[Path], Any]] = {
     "nothing": lambda p: p.write_bytes(b""),
     "half": lambda p: cut(p, 0.5),
     "without its index": lambda p: cut(p, 0.8),
+    "half behind its index": cut_after_the_index,
     "a picture": lambda p: p.write_bytes(encoded(".png")),
     "another size": lambda p: footage.write_video(p, [50] * 20, size=(48, 64)),
     **({"a pipe": lambda p: (p.unlink(), os.mkfifo(p))} if hasattr(os, "mkfifo") else {}),

@@ -29,6 +29,7 @@ COMMANDS: dict[str, tuple[list[str], dict[str, tuple[str, ...]]]] = {
     "mesh": (["psfs", "mesh", "out"], {"--smooth": ("-1", "1001", "999999999", "1.5"),
                                        "--frame": ("-1", "99", "2.5")}),
     "view": (["psfs", "view", "out", "--png", "x.png"], {"--frame": ("-1", "99", "2.5")}),
+    "page": (["psfs", "view", "out"], {"--port": ("70000", "-1")}),
     "track": (
         ["apf", "track", "seq", "-o", "new", "--all-cameras"],
         {
@@ -121,6 +122,8 @@ WORDS = {
     "apf live seq -o new --init pose.txt --captures /no/a /no/b /no/c /no/d /no/e": "/no/a: ",
     "apf live seq -o new --init pose.txt --captures /no/a": "1 captures (/no/a); expected 5",
     "apf synth -o pose.txt": "pose.txt: is a file",
+    "apf synth -o / --frames 2 --cameras 2": "has no name of its own",
+    "apf synth -o new --size 65x49": "expected even sides",
     "psfs reconstruct seq -o pose.txt": "pose.txt: is a file",
 }
 

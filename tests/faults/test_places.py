@@ -69,8 +69,23 @@ def folder(name: str) -> Change:
     return change
 
 
-def takes(text: str) -> Change:
-    return file("takes.toml", text)
+def gone(name: str) -> Change:
+    return lambda stock: [path.unlink() for path in stock.glob(name)]
+
+
+def takes(line: str) -> Change:
+    """A list of one take."""
+    return file("takes.toml", f"[[take]]\nfolder = 'walk'\n{line}")
+
+
+def only_videos(stock: Path) -> None:
+    (stock / "walk").rename(stock / "whole")
+    (stock / "whole/videos").rename(stock / "walk")
+
+
+def two_calibrations(stock: Path) -> None:
+    first = (stock / "walk/calibration.toml").rename(stock / "walk/calib1.toml")
+    shutil.copy(first, stock / "walk/calib2.toml")
 
 
 def grid(**values: Any) -> Change:
@@ -132,6 +147,16 @@ def other_camera(stock: Path) -> None:
 #: Words, what is done to the stock before, and what the line says.
 FAULTS: dict[str, tuple[list[str], Change | None, str]] = {
     "a folder as a calibration": (INFO, folder("walk/calibration.toml"), "calibration.toml"),
+    "nothing in a folder": (["psfs", "info", "new"], folder("new"), "no sequence is recognised"),
+    "no calibration": (INFO, gone("walk/calibration.toml"), "no calibration"),
+    "videos alone": (INFO, only_videos, "no calibration; expected calibration.toml"),
+    "no pictures": (INFO, gone("walk/videos/*"), "no pictures"),
+    "3 cameras for 2 videos": (INFO, gone("walk/videos/cam01.mp4"), "for 3 cameras"),
+    "a background is missing": (INFO, gone("walk/background/cam01.mp4"), "background"),
+    "malformed settings": (INFO, file("walk/sequence.toml", "up = "), "sequence.toml: malf"),
+    "no masks": (INFO, file("walk/sequence.toml", "background = 'masks'"), "needs masks"),
+    "no threshold": (INFO, file("walk/sequence.toml", "background='threshold'"), "`threshold`"),
+    "two calibrations": (INFO, two_calibrations, "several calibrations (calib1.toml, calib2.toml)"),
     "a file as videos/": (INFO, file("walk/videos"), "walk"),
     "a camera shifted twice": ([*INFO, "--sync", "cam01=1,cam01=2"], None, "each camera once"),
     "settings of another command": ([*INFO, "--config", "c.toml"], file("c.toml", "debris = 1"),
@@ -149,6 +174,10 @@ FAULTS: dict[str, tuple[list[str], Change | None, str]] = {
                                   summary("out", "grid", origin_m=[1.0, 0.0, 0.0]), "frame_00000"),
     "a true mask of another size": (["psfs", "silhouettes", "seq", "-o", "new", "-q"], true_mask,
                                     "c3_000001.png"),
+    "a run without its footage": (["psfs", "check", "out"], summary("out", "sequence",
+                                  absolute="/gone", relative="gone"), "/gone is gone"),
+    "settings of another version": (["psfs", "mesh", "out"], summary("out", "config", "silhouette",
+                                    magic=1), "silhouette.magic: no such setting"),
     "a mesh over a cloud": (["psfs", "mesh", "out", "-o", "out/clouds/frame_000001.ply"], None,
                             "frame_000001.ply"),
     "a report of the user": ([*TRACK, "--layers", "2"], file("new/report.html"), "report.html"),
@@ -168,10 +197,16 @@ FAULTS: dict[str, tuple[list[str], Change | None, str]] = {
     "a negative time of emptiness": ([*LIVE, "--empty", "-3"], None, "--empty"),
     "keypoints of nobody": ([*LIVE, "--objective", "keypoints"], None, "apf live reads none"),
     "a truth in synth's way": (SYNTH, file("new/truth.npz"), "new/truth.npz"),
-    "an empty list of takes": (BATCH, takes(""), "takes.toml"),
-    "a flag that is none": (BATCH, takes("[[take]]\nfolder = 'walk'\nfrob = 3"), "takes.toml"),
-    "a take outside": (BATCH, takes("[[take]]\nfolder = 'walk'\nname = '../x'"), "'../x'"),
-    "a take named logs": (BATCH, takes("[[take]]\nfolder = 'walk'\nname = 'logs'"), "logs"),
+    "an empty list of takes": (BATCH, file("takes.toml", ""), "takes.toml"),
+    "NUL in a list of takes": (BATCH, file("takes.toml", '[[take]]\nfolder = "a\\u0000b"'),
+                               "holds the character NUL"),
+    "a take outside": (BATCH, takes("name = '../x'"), "'../x'"),
+    "a name that is no UTF-8": (["apf", "batch", "a\udcff", "-o", "new", "--workers", "1"],
+                                lambda stock: (stock / "walk").rename("a\udcff"), r"a\udcff"),
+    **{f"a take named {name}": (BATCH, takes(f"name = '{name}'"), name)
+       for name in ("logs", "index.html", "takes.csv", "manifest.txt")},
+    **{line: (BATCH, takes(line), "is no setting of apf track")
+       for line in ("frob=3", "output='/elsewhere'", "log_file='/elsewhere'", "quiet=true")},
     "100,000 workers": (["apf", "batch", "walk", "-o", "new", "--workers", "100000"], None,
                         "--workers"),
     "parts of no frame": (["apf", "batch", "walk", "-o", "new", "--part-frames", "-5"], None,

@@ -213,6 +213,7 @@ def test_files_are_named_after_cameras(
 
 BROKEN = [
     ("c.toml", "title = 'nothing'", "no camera tables"),
+    ("d.toml", "[cam01", "malformed TOML"),
     ("c.cal", "1 2 3", "3 numbers; expected at least 22"),
     ("c.cal", "1 2 x", "found 'x'"),
     ("c.cal", "500 500 32 24 0 0 0 0 0 0 1 0 0 0 1 0 0 0 -2 0 0 0", "R is not a rotation"),
