@@ -2,7 +2,6 @@
 
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 from helpers import footage
@@ -27,17 +26,6 @@ def same(found: CameraRig, expected: CameraRig, distorted: bool = True) -> None:
         assert a.size == b.size
         if distorted:
             np.testing.assert_allclose(a.distortion, b.distortion, atol=1e-12)
-
-
-def write_storage(path: Path, camera, rodrigues: bool) -> None:
-    storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
-    storage.write("CameraMatrix" if rodrigues else "M1", camera.K)
-    storage.write("DistortionCoeffs" if rodrigues else "D1", camera.distortion[None])
-    storage.write(
-        "rvec" if rodrigues else "R", cv2.Rodrigues(camera.R)[0] if rodrigues else camera.R
-    )
-    storage.write("T", camera.t[:, None])
-    storage.release()
 
 
 @pytest.mark.parametrize("views", [1, 11])
@@ -71,55 +59,9 @@ def test_humaneva(tmp_path: Path) -> None:
     rig = footage.rig(3)
     for camera in rig:
         (tmp_path / f"{camera.name}.cal").write_text(humaneva(camera))
-    same(read_calibration(tmp_path, sizes=SIZE), rig)
     same(read_humaneva([tmp_path / "cam02.cal"], None, {"cam02": SIZE}), rig.subset(["cam02"]))
     with pytest.raises(InputError, match="no picture sizes"):
         read_calibration(tmp_path)
-
-
-@pytest.mark.parametrize("suffix", [".xml", ".yml", ".json"])
-@pytest.mark.parametrize("rodrigues", [True, False])
-def test_filestorage(tmp_path: Path, suffix: str, rodrigues: bool) -> None:
-    rig = footage.rig(2)
-    for camera in rig:
-        write_storage(tmp_path / f"{camera.name}{suffix}", camera, rodrigues)
-    same(read_calibration(tmp_path, sizes=lambda names: [SIZE] * len(names)), rig)
-
-
-@pytest.mark.parametrize("kind", ["Values", "Vector"])
-def test_tags_of_utrechts_students(tmp_path: Path, kind: str) -> None:
-    rig = footage.rig(2)
-    for camera in rig:
-        path = tmp_path / f"{camera.name}.xml"
-        write_storage(path, camera, rodrigues=True)
-        text = path.read_text()
-        for tag, other in (("rvec", "Rotation"), ("T", "Translation")):
-            text = text.replace(f"<{tag} ", f"<{other}{kind} ")
-            text = text.replace(f"</{tag}>", f"</{other}{kind}>")
-        path.write_text(text)
-    same(read_calibration(tmp_path, sizes=lambda names: [SIZE] * len(names)), rig)
-
-
-def test_easymocap(tmp_path: Path) -> None:
-    rig = footage.rig(3)
-    intrinsic = cv2.FileStorage(str(tmp_path / "intri.yml"), cv2.FILE_STORAGE_WRITE)
-    extrinsic = cv2.FileStorage(str(tmp_path / "extri.yml"), cv2.FILE_STORAGE_WRITE)
-    for storage in (intrinsic, extrinsic):
-        storage.startWriteStruct("names", cv2.FileNode_SEQ)
-        for camera in rig:
-            storage.write("", camera.name)
-        storage.endWriteStruct()
-    for camera in rig:
-        intrinsic.write(f"K_{camera.name}", camera.K)
-        intrinsic.write(f"dist_{camera.name}", camera.distortion[None])
-        extrinsic.write(f"R_{camera.name}", cv2.Rodrigues(camera.R)[0])
-        if camera.name != "cam01":  # either form of the rotation suffices
-            extrinsic.write(f"Rot_{camera.name}", camera.R)
-        extrinsic.write(f"T_{camera.name}", camera.t[:, None])
-    intrinsic.release()
-    extrinsic.release()
-    same(read_calibration(tmp_path, sizes=SIZE), rig)
-    same(read_calibration(tmp_path / "intri.yml", sizes=SIZE), rig)
 
 
 def test_projection_matrices_of_three_rows_and_any_scale(tmp_path: Path) -> None:
