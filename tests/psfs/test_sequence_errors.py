@@ -85,10 +85,7 @@ def test_a_header_that_promises_two_frames_too_many(tmp_path: Path) -> None:
     """As in Utrecht's videos: the frames that decode are the length, without an error."""
     folder = footage.native(tmp_path / "walk", views=1, frames=30)
     path = folder / "videos/cam01.avi"
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 25, footage.SIZE)
-    for _ in range(30):
-        writer.write(np.zeros((48, 64, 3), np.uint8))
-    writer.release()
+    footage.write_video(path, [0] * 30, codec="MJPG")
     (folder / "videos/cam01.mp4").unlink()
     data = path.read_bytes()
     wrong = data.replace((30).to_bytes(4, "little"), (32).to_bytes(4, "little"))

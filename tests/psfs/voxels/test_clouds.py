@@ -7,7 +7,6 @@ import pytest
 import trimesh
 from helpers import scenes
 
-from psfs.mesh.preview import load_open3d
 from psfs.reference.surface import surface_voxels
 from psfs.voxels.clouds import (
     coarsen,
@@ -50,16 +49,6 @@ def test_round_trip(tmp_path: Path, colour: bool) -> None:
     assert b"unit metre; right-handed, Z up" in written
     if cloud.colour is not None:
         np.testing.assert_array_equal(points.colors[:, :3], cloud.colour)
-
-
-def test_open3d_reads_our_ply(tmp_path: Path) -> None:
-    """All of it, also the probability, which is a property of our own."""
-    cloud = a_cloud(colour=True)
-    write_cloud(cloud, tmp_path / "cloud")
-    read = load_open3d().t.io.read_point_cloud(str(tmp_path / "cloud.ply")).point
-    np.testing.assert_array_equal(read.positions.numpy(), cloud.centres.astype(np.float32))
-    np.testing.assert_array_equal(read.probability.numpy()[:, 0], cloud.probability)
-    np.testing.assert_array_equal(read.colors.numpy(), cloud.colour)
 
 
 def test_an_empty_cloud_is_written_and_read(tmp_path: Path) -> None:
