@@ -117,6 +117,24 @@ def solid_points() -> np.ndarray:
     return points[solid(points)]
 
 
+def limbs(frame: float) -> np.ndarray:
+    """Points (N, 3) m of a body with arms, which turns and moves them."""
+    random = np.random.default_rng(0)
+    turn, swing = 0.1 * frame, np.sin(0.3 * frame)
+    parts = [
+        ([0, 0, 0.9], [0.15, 0.1, 0.6]),
+        ([0, 0, 1.6], [0.1, 0.1, 0.15]),
+        ([0.35, 0.1, 1.2 + 0.3 * swing], [0.25, 0.05, 0.05]),
+        ([-0.35, 0.0, 1.2 - 0.3 * swing], [0.25, 0.05, 0.05]),
+        ([0.1, 0.25 * swing, 0.3], [0.06, 0.06, 0.3]),
+        ([-0.1, -0.25 * swing, 0.3], [0.06, 0.06, 0.3]),
+    ]
+    points = np.concatenate([np.array(m) + random.uniform(-1, 1, (400, 3)) * s for m, s in parts])
+    c, s = np.cos(turn), np.sin(turn)
+    about: np.ndarray = points @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]])
+    return about + np.array([0.2 * np.sin(0.05 * frame), 0.2 * np.cos(0.07 * frame), 0])
+
+
 def masks_of(rig: CameraRig) -> np.ndarray:
     """Render silhouettes (V, H, W) uint8 of the test body from a dense cloud of points."""
     masks = np.zeros((len(rig), rig.height, rig.width), np.uint8)

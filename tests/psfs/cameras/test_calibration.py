@@ -1,11 +1,12 @@
 """Calibration readers read back a rig in each format; invalid ones are named in one line."""
 
+import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 from helpers import footage
-from helpers.camera_texts import humaneva
+from helpers.camera_texts import humaneva, write_files
 
 from cl import InputError
 from psfs.cameras.calibration import read_calibration
@@ -153,7 +154,21 @@ def test_files_are_named_after_cameras(
         assert match_files_to_cameras(names, files, "videos") == (right, None)
 
 
-BROKEN = [
+def nerf(**said: object) -> str:
+    frame = {"file_path": "a", "transform_matrix": [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0]}
+    return json.dumps({**said, "frames": [frame]})
+
+
+OMNI = """cam0:
+  camera_model: omni
+  distortion_model: radtan
+  intrinsics: [9, 9, 1, 1]
+  distortion_coeffs: [0, 0, 0, 0]
+  resolution: [64, 48]
+"""
+THEIA = "<calibration><cameras><camera><intrinsic/></camera></cameras></calibration>"
+VICON = "<Cameras><Camera><KeyFrames><KeyFrame/></KeyFrames></Camera></Cameras>"
+BROKEN: list[tuple[str, str | bytes, str]] = [
     ("c.toml", "title = 'nothing'", "no camera tables"),
     ("d.toml", "[cam01", "malformed TOML"),
     ("c.cal", "1 2 3", "3 numbers; expected at least 22"),
@@ -163,21 +178,44 @@ BROKEN = [
     ("c.xml", "<?xml version='1.0'?><opencv_storage><a></opencv_storage>", "malformed"),
     ("c.yml", "%YAML:1.0\n---\nsomething: 3\n", "no CameraMatrix"),
     ("c.json", "", "c.json"),
+    ("c.json", '{"cameras": [{"name": "a", "distCoef": []}]}', "cameras a with distCoef, name"),
     ("x_par.txt", "1\na.png 1 2 3", "view a: 3 numbers; expected 21"),
     ("x_par.txt", "4\na.png " + "1 " * 21, "1 views; the first line promises 4"),
     ("p.txt", "cam 1 2 3", "expected 12"),
     ("p.txt", "cam " + "1 " * 12, "singular"),
     ("p.txt", "cam nan " + "1 " * 11, "not finite"),
     ("p.txt", "", "no projection matrix"),
+    ("cam1.cpar", "1 2 3", "3 words; expected Tsai's 17 numbers"),
+    ("cam1.cpar", "kappa1 = 0\nf = 5\nTz = 3\nRz = 0\n", "lacks dpx, cx, cy, sx, tx, ty, rx, ry"),
+    ("a.mat", "nothing", "expected a MATLAB"),
+    ("camchain.yaml", OMNI, "camera cam0: lens is 'omni-radtan'; expected pinhole-radtan"),
+    ("transforms.json", '{"frames": []}', "frames"),
+    ("transforms.json", '{"frames": [{"file_path": "a"}]}', "transform_matrix"),
+    ("transforms.json", nerf(fl_x=9, camera_model="FISHEYE624"), "a: camera_model FISHEYE624; exp"),
+    ("transforms.json", nerf(fl_x=9, k4=0.1), "a: k4; expected a pinhole or fisheye camera"),
+    ("transforms.json", nerf(fl_x=9, latlong=True), "camera a: latlong; expected"),
+    ("cameras.txt", "1 FISHEYE 10 10 1 2 3", "camera model FISHEYE"),
+    ("a.qca.txt", "<calibration><cameras/></calibration>", "no elements cameras"),
+    ("b.qca.txt", "<calibration><cameras><camera></cameras>", "expected XML with"),
+    ("c.qca.txt", '<!DOCTYPE a [<!ENTITY b "c">]><calibration/>', "document type"),
+    ("cameras.bin", b"\1\0\0\0\0\0\0\0\1\0", "ends in the middle"),
+    ("cameras.bin", b"\xff" * 8, "expected at most 1000"),
+    ("theia.txt", THEIA, "Theia3D is not read"),
+    ("a.mcal", "<a/>", "no elements "),
+    ("b.mcal", "<a><Camera Serial='M1'/></a>", "Motive 3.2"),
+    ("a.xcp", "<Cameras><Camera/></Cameras>", "no elements Camera/KeyFrames"),
+    ("b.xcp", VICON, "lacks FOCAL_LENGTH"),
+    ("calib.txt", "1 0\n0 9 0 9 1 2 3 4 5 6 7 8 9 0 1 2 3 4 5", "expected 22 of Surrey"),
 ]
 
 
-@pytest.mark.parametrize(("name", "text", "expected"), BROKEN)
-def test_broken(tmp_path: Path, name: str, text: str, expected: str) -> None:
-    path = tmp_path / name
-    path.write_text(text)
+@pytest.mark.parametrize(("name", "content", "expected"), BROKEN)
+def test_broken(tmp_path: Path, name: str, content: str | bytes, expected: str) -> None:
+    write_files(tmp_path, {name: content})
+    if name == "cameras.txt":
+        (tmp_path / "images.txt").write_text("1 1 0 0 0 0 0 0 1 a.png\n\n")
     with pytest.raises(InputError) as caught:
-        read_calibration(path, sizes=(64, 48))
+        read_calibration(tmp_path / name, sizes=(64, 48))
     message = str(caught.value)
     assert expected in message and name in message and "\n" not in message
 
