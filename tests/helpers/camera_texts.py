@@ -229,6 +229,9 @@ FORMATS: dict[str, Callable[[CameraRig], Files]] = {
     "surrey": lambda rig: {"calibration.txt": surrey(rig)},
     "qualisys": qualisys,
     "krt": krt,
+    "krt_in_a_line": lambda rig: {
+        f"calib/{c.name}.krt": f"{words(c.K)} {words(c.R)} {words(c.t)}" for c in rig
+    },
     "k_and_rt": k_and_rt,
     "pa": lambda rig: {f"{camera.name}.pa": rows(3 * projection(camera)) for camera in rig},
     "matlab_cells": matlab_cells,

@@ -101,15 +101,6 @@ def test_fisheye_lenses_are_read(tmp_path: Path, program: str) -> None:
             read_calibration(path)
 
 
-def test_a_folder_that_holds_a_calibration(tmp_path: Path) -> None:
-    camera = plain_rig()[0]
-    (tmp_path / "calib").mkdir()
-    numbers = words(np.concatenate([camera.K.ravel(), camera.R.ravel(), camera.t]))
-    (tmp_path / "calib" / "a.krt").write_text(numbers)
-    (found,) = read_calibration(tmp_path, sizes=footage.SIZE)
-    np.testing.assert_allclose(found.t, camera.t, atol=1e-6)
-
-
 def sequence_in(folder: Path, files: Files, rig: CameraRig) -> Path:
     for camera in rig:
         footage.write_image(folder / "images" / camera.name / "0000.png", 90)
