@@ -1,6 +1,5 @@
 """Arrays, joints, poses, meshes, pictures and videos that are damaged, lie or belong elsewhere."""
 
-import json
 import os
 import struct
 import zipfile
@@ -13,7 +12,6 @@ import cv2
 import numpy as np
 import pytest
 from helpers import footage
-from helpers.commands import run
 from helpers.faults import changed_npz, npy, refused
 from helpers.footage import cut
 
@@ -22,12 +20,8 @@ NAN, INF = float("nan"), float("inf")
 
 def with_entry(path: Path, name: str, content: bytes) -> None:
     """Put an npy of one's own into an npz."""
-    with zipfile.ZipFile(path) as archive:
-        entries = {n: archive.read(n) for n in archive.namelist()}
-    entries[f"{name}.npy"] = content
-    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
-        for entry, data in entries.items():
-            archive.writestr(entry, data)
+    with zipfile.ZipFile(path, "a") as archive:
+        archive.writestr(f"{name}.npy", content)
 
 
 #: Of every npz.
@@ -192,23 +186,12 @@ PICTURES: dict[str, bytes] = {
 }
 
 
-@pytest.mark.parametrize(
-    ("fault", "index"), [*((fault, 0) for fault in PICTURES), ("half a PNG", 2)]
-)
-def test_pictures(stock: Path, fault: str, index: int) -> None:
-    (stock / f"seq/masks/c3/{index:04d}.png").write_bytes(PICTURES[fault])
+@pytest.mark.parametrize("fault", PICTURES)
+def test_pictures(stock: Path, fault: str) -> None:
+    (stock / "seq/masks/c3/0000.png").write_bytes(PICTURES[fault])
     box = ["--voxel-size", "0.08", "--volume", "-0.6,0.6,-0.6,0.6,0,1.9"]
     words = ["psfs", "reconstruct", "seq", "-o", "new", "--device", "numpy", "--all-cameras", *box]
-    if index:
-        outcome = run(*words)  # the frames before it are kept, if any were made
-        assert outcome.code == 2 and "0002.png" in outcome.err.strip().splitlines()[-1]
-        assert "Traceback" not in outcome.err
-        summary = stock / "new/summary.json"
-        if summary.exists():
-            assert "2 of 3 frames are in" in outcome.err
-            assert len(json.loads(summary.read_text())["frames"]) == 2
-    else:
-        refused(words, stock, "c3")
+    refused(words, stock, "c3")
 
 
 def cut_after_the_index(path: Path) -> None:
