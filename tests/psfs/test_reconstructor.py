@@ -32,14 +32,6 @@ def agree(device: Device, rig, grid, background, frame, config=None, share=2e-3)
     return cloud
 
 
-@pytest.mark.parametrize("views", [1, 5])
-def test_pictures_agree_with_the_twin(device: Device, views: int) -> None:
-    rig = scenes.ring(views)
-    frame, background = scenes.pictures_of(rig)
-    cloud = agree(device, rig, scenes.small_grid(), background, frame)
-    assert len(cloud) > 0
-
-
 def test_masks_agree_with_the_twin(device: Device) -> None:
     rig = scenes.without_distortion(scenes.ring(4))
     frame = scenes.frame(masks=scenes.masks_of(rig))

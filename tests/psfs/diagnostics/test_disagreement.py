@@ -11,8 +11,6 @@ from helpers.commands import succeed
 from helpers.shared import shared_data
 
 import psfs
-from apf.synthetic.generate import generate
-from apf.synthetic.scene import SceneConfig
 from cl import Device
 from psfs.diagnostics.agreement import HullAgreement
 from psfs.diagnostics.arrangement_faults import find_outlier
@@ -20,15 +18,6 @@ from psfs.diagnostics.examination import diagnose
 from psfs.diagnostics.fault import significant
 from psfs.sequence import Sequence
 from psfs.session import Session
-
-
-@pytest.fixture(scope="module")
-def walk(tmp_path_factory: pytest.TempPathFactory) -> Sequence:
-    """Small pictures of a walk."""
-    folder = tmp_path_factory.mktemp("sound") / "walk"
-    config = SceneConfig(cameras=6, frames=12, fps=30, size=(160, 120), seed=4)
-    generate(folder, config, Device.best())
-    return Sequence.open(folder)
 
 
 @pytest.fixture(scope="module")
@@ -47,13 +36,14 @@ def late_walk(tmp_path_factory: pytest.TempPathFactory) -> Path:
     ("kind", "reason"), [("noise", "looks like foreground"), ("black", "of one brightness")]
 )
 def test_a_spoilt_camera_is_named(
-    walk: Sequence, tmp_path: Path, device: Device, kind: str, reason: str
+    slow_walk: Path, tmp_path: Path, device: Device, kind: str, reason: str
 ) -> None:
     """It is left out, and no sound camera with it."""
+    walk = Sequence.open(slow_walk)
     views = np.stack([frame.images for frame in walk], axis=1)
     views[2] = np.random.default_rng(0).integers(0, 256, views[2].shape) * (kind == "noise")
     spoilt = footage.write_take(tmp_path / "spoilt", walk.rig, views, "images")
-    shutil.copytree(walk.folder / "background", spoilt / "background")
+    shutil.copytree(slow_walk / "background", spoilt / "background")
     found = diagnose(Session(Sequence.open(spoilt), device))
     assert {f.cameras for f in found.faults if f.serious} == {("cam03",)}
     assert reason in found.faults[0].text

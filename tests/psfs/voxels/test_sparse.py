@@ -164,16 +164,6 @@ def test_large_rooms_and_strong_lenses(
     assert count > 0
 
 
-def test_a_moved_grid_gives_what_a_new_one_gives(device: Device) -> None:
-    rig, grid = scenes.ring(3), scenes.small_grid()
-    moved = VoxelGrid(grid.origin + np.array([0.12, -0.06, 0.0]), grid.voxel_size, grid.shape)
-    evidence = device.to_device(scenes.patches_of_evidence(rig, 0, 8))
-    bricks = Bricks(device, rig, grid, evidence, STEP)
-    bricks.move_to(moved)
-    there = scenes.carve(Bricks(device, rig, moved, evidence, STEP))
-    np.testing.assert_array_equal(scenes.carve(bricks), there)
-
-
 def test_a_grid_beyond_32_bits_is_refused(device: Device) -> None:
     grid = VoxelGrid(np.zeros(3), 1e-6, (2000, 2000, 2000))
     with pytest.raises(InputError, match="8,000,000,000 voxels"):
