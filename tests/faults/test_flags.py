@@ -202,10 +202,7 @@ WRITERS = [
     ["psfs", "view", "out", "--frame", "1", "--png"],
 ]
 NAMES = {
-    "brackets": "[bold][/][red]",
-    "a line break": "a\nb",
-    "an escape": "a\x1b[31mb",
-    "no UTF-8": os.fsdecode(b"\xff\xfe"),
+    **{kind: PATHS[kind] for kind in ("brackets", "a line break", "an escape", "no UTF-8")},
     "spaces": " a b ",
     "a percent": "%s %d {x}",
     "a minus": "./-x",

@@ -135,11 +135,11 @@ def limbs(frame: float) -> np.ndarray:
     return about + np.array([0.2 * np.sin(0.05 * frame), 0.2 * np.cos(0.07 * frame), 0])
 
 
-def masks_of(rig: CameraRig) -> np.ndarray:
-    """Render silhouettes (V, H, W) uint8 of the test body from a dense cloud of points."""
+def masks_of(rig: CameraRig, shift: npt.ArrayLike = (0, 0, 0)) -> np.ndarray:
+    """Render silhouettes (V, H, W) uint8 of the shifted test body from a dense cloud of points."""
     masks = np.zeros((len(rig), rig.height, rig.width), np.uint8)
     for mask, camera in zip(masks, rig, strict=True):
-        mask[: camera.size[1], : camera.size[0]] = draw_points(camera, solid_points())
+        mask[: camera.size[1], : camera.size[0]] = draw_points(camera, solid_points() + shift)
     return masks
 
 
