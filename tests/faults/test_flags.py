@@ -42,9 +42,7 @@ COMMANDS: dict[str, tuple[list[str], dict[str, tuple[str, ...]]]] = {
             "--edge-weight": ("-1",),
             "--silhouette-weight": ("-1",),
             "--height": ("0", "0.4", "2.6", "178", "17"),
-            "--voxel-size": ("0", "-1", "1e-300"),
             "--seeds": ("0", "-1", "1.5", "100000"),
-            "--fps": ("0", "-1", "1e-300"),
             "--trunk-layers": ("-1",),
             **dict.fromkeys(("--method", "--objective", "--background"), ("", "magic")),
         },
@@ -56,7 +54,6 @@ COMMANDS: dict[str, tuple[list[str], dict[str, tuple[str, ...]]]] = {
         ["apf", "smooth", "track", "-o", "new"],
         {"--cutoff": ("0", "-1", "1e-300"), "--lag": ("-1", "1.5")},
     ),
-    "export": (["apf", "export", "track", "-o", "new"], {"--cutoff": ("0", "-1", "1e-300")}),
     "render": (["apf", "render", "seq", "track", "-o", "new"], {"--shape": ("3", "-8", "9")}),
     "synth": (
         ["apf", "synth", "-o", "new"],

@@ -5,7 +5,6 @@ import importlib
 import json
 import os
 import signal
-import subprocess
 import sys
 import threading
 import time
@@ -19,7 +18,6 @@ import pyopencl
 import pytest
 from helpers import faults
 from helpers.commands import run, run_python, succeed
-from helpers.shared import ROOT
 
 import apf.tracking.pipeline as pipeline
 import cl.launch
@@ -247,9 +245,7 @@ def test_no_memory(stock: Path, monkeypatch: pytest.MonkeyPatch, error: Exceptio
 
 def test_another_locale(stock: Path) -> None:
     folder = (stock / "walk").rename(stock / "gehört é")
-    environment = {k: v for k, v in os.environ.items() if not k.startswith("LC_")}
-    environment |= {"LANG": "C", "LC_ALL": "C", "PYTHONCOERCECLOCALE": "0",
-                    "PYTHONUTF8": "0", "PYTHONPATH": str(ROOT)}  # fmt: skip
-    words = [sys.executable, "-m", "psfs.cli", "info", str(folder), "--no-pictures"]
-    done = subprocess.run(words, capture_output=True, check=False, env=environment)
-    assert done.returncode == 0 and b"Traceback" not in done.stderr, done.stderr
+    other = {name: None for name in os.environ if name.startswith("LC_")}
+    other |= {"LANG": "C", "LC_ALL": "C", "PYTHONCOERCECLOCALE": "0", "PYTHONUTF8": "0"}
+    done = run_python("-m", "psfs.cli", "info", folder, "--no-pictures", **other)
+    assert done.code == 0 and "Traceback" not in done.err, done.err

@@ -1,5 +1,6 @@
 """Small synthetic scenes for the tests of the reconstruction."""
 
+from collections.abc import Iterable
 from dataclasses import replace
 from functools import cache
 from types import SimpleNamespace
@@ -40,6 +41,17 @@ def pinhole(
     R = rotation_towards(np.subtract(target, centre))
     K = np.array([[focal, 0, size[0] / 2], [0, focal, size[1] / 2], [0, 0, 1]])
     return Camera(name, K, np.zeros(5), R, -R @ centre, size)
+
+
+def pinholes(
+    places: Iterable[tuple[float, float, float]],
+    target: npt.ArrayLike,
+    size: tuple[int, int],
+    focal: float,
+) -> list[Camera]:
+    """Return such cameras c0, c1, ... at azimuth, rad, distance from the z axis and height, m."""
+    centres = [(away * np.cos(turn), away * np.sin(turn), height) for turn, away, height in places]
+    return [pinhole(f"c{k}", centre, target, size, focal) for k, centre in enumerate(centres)]
 
 
 def looking_at(

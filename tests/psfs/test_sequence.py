@@ -337,14 +337,8 @@ def test_prefetch_ends_while_another_thread_starts() -> None:
 
 
 def test_prefetch_is_bounded() -> None:
-    made = []
-
-    def numbers() -> Iterator[int]:
-        for i in range(100):
-            made.append(i)
-            yield i
-
-    ahead = prefetch(numbers(), 3)
+    made: list[int] = []
+    ahead = prefetch((made.append(i) or i for i in range(100)), 3)
     assert next(ahead) == 0
     time.sleep(0.15)
     assert len(made) <= 5  # one taken, three waiting, one in hand

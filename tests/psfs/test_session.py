@@ -43,6 +43,13 @@ def carve(session: Session, grid: VoxelGrid, wanted: Iterable[int]) -> None:
         session.record_carved(frame.index, reconstruct(frame))
 
 
+def with_furniture(session: Session, rows: int) -> Session:
+    """Return a session whose first camera does not see so many upper rows."""
+    hidden = np.zeros((len(session.rig), session.rig.height, session.rig.width), bool)
+    hidden[0, :rows] = True
+    return session.with_sequence(session.sequence.with_rig(session.rig.with_hidden(hidden)))
+
+
 def assert_same(found: list[CarvedFrame], expected: list[CarvedFrame]) -> None:
     np.testing.assert_equal([*map(asdict, found)], [*map(asdict, expected)])
 
@@ -84,9 +91,7 @@ def test_kept_frames_take_a_bounded_memory(
 
 
 def test_what_is_hidden_is_known_of_kept_frames(session: Session) -> None:
-    hidden = np.zeros((len(session.rig), session.rig.height, session.rig.width), bool)
-    hidden[0, : session.rig.height // 2] = True
-    session = session.with_sequence(session.sequence.with_rig(session.rig.with_hidden(hidden)))
+    session = with_furniture(session, session.rig.height // 2)
     grid = automatic_grid(session)
     carve(session, grid, range(2))
     kept = list(session.iterate_carved(grid, range(2)))
@@ -97,8 +102,7 @@ def test_what_is_hidden_is_known_of_kept_frames(session: Session) -> None:
 def test_a_corrected_rig_has_the_frames_that_were_kept(session: Session) -> None:
     session.sequence.keep_frames()
     expected = [frame.images for frame in session.sequence]
-    hidden = np.zeros((len(session.rig), session.rig.height, session.rig.width), bool)
-    other = session.with_sequence(session.sequence.with_rig(session.rig.with_hidden(hidden)))
+    other = with_furniture(session, 0)
     assert other is not session
     assert all(map(np.array_equal, (frame.images for frame in other.sequence), expected))
 

@@ -20,13 +20,8 @@ LOW, HIGH = 0.2 - 1.8, 1.6 - 1.8
 def statue(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder of masks of a statue below y = 0, eight cameras around it."""
     folder = tmp_path_factory.mktemp("statue")
-    angles = 2 * np.pi * np.arange(8) / 8
-    cameras = [
-        scenes.pinhole(
-            f"c{k}", [3 * c, 3 * s, -0.9 + 0.5 * (-1) ** k], [0, 0, -0.9], (160, 120), 150
-        )
-        for k, (c, s) in enumerate(zip(np.cos(angles), np.sin(angles), strict=True))
-    ]
+    places = [(np.pi / 4 * k, 3, -0.9 + 0.5 * (-1) ** k) for k in range(8)]
+    cameras = scenes.pinholes(places, [0, 0, -0.9], (160, 120), 150)
     views = [[scenes.draw_points(c, scenes.solid_points() - [0, 0, 1.8], 3)] for c in cameras]
     y_up = rotate_rig(CameraRig(tuple(cameras)), rotation_to_z_up("y").T)
     footage.write_take(folder, y_up, views)
