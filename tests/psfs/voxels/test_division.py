@@ -105,7 +105,7 @@ def test_pixels_of_others_are_background_or_unknown_and_of_two_beside_each_other
     own = divide_evidence(rig, evidence, np.stack([low, nearer, aside]), CONFIG)[:, 0]
 
     def at(y: float) -> list[int]:
-        (column, row), _ = rig[0].project(np.array([[0.0, y, 1.0]]))[0][0], None
+        column, row = rig[0].project(np.array([[0.0, y, 1.0]]))[0][0]
         return own[:, int(row), int(column)].tolist()
 
     none = int(CONFIG.counts(np.zeros(1))[0])
