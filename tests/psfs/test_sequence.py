@@ -44,8 +44,7 @@ def test_native_videos(tmp_path: Path) -> None:
     sequence = Sequence.open(footage.native(tmp_path / "walk"))
     assert (sequence.name, len(sequence), sequence.fps) == ("walk", 12, 25)
     assert sequence.background_kind == "gaussian"
-    assert sequence.volume is None
-    assert sequence.notes == []
+    assert sequence.volume is None and sequence.notes == []
     frames = list(sequence)
     assert [frame.index for frame in frames] == list(range(12))
     assert frames[0].images.shape == (3, 48, 64, 3) and frames[0].images.dtype == np.uint8
