@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from cl import Device
 from psfs.background.gaussian import Background
+from psfs.calibration.scene import turn_to_up
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.sequence import Frame
 from psfs.voxels.bricks import Bricks
@@ -28,10 +29,7 @@ def frame(
 
 def rotation_towards(direction: np.ndarray, up: npt.ArrayLike = (0, 0, 1.0)) -> np.ndarray:
     """Return the rotation (3, 3) of an upright camera that looks along a direction (3,)."""
-    z = direction / np.linalg.norm(direction)
-    x = np.cross(z, up)
-    x /= np.linalg.norm(x)
-    return np.stack([x, np.cross(z, x), z])
+    return turn_to_up(direction, np.cross(direction, up))
 
 
 def pinhole(
