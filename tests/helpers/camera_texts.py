@@ -24,6 +24,15 @@ def write_files(folder: Path, files: Files) -> list[Path]:
     return [folder / name for name in files]
 
 
+def assert_same(found: CameraRig, expected: CameraRig, n_lens: int = 5) -> None:
+    """Assert that cameras are the same, in all but names, with so many numbers of their lenses."""
+    for a, b in zip(found, expected, strict=True):
+        assert a.size == b.size
+        for field in ("K", "R", "t"):
+            np.testing.assert_allclose(getattr(a, field), getattr(b, field), atol=1e-8)
+        np.testing.assert_allclose(a.distortion, b.distortion * (np.arange(5) < n_lens), atol=1e-9)
+
+
 def middlebury(rig: CameraRig) -> str:
     lines = [f"{c.name}.png {words(c.K)} {words(c.R)} {words(c.t)}" for c in rig]
     return "\n".join([str(len(rig)), *lines])

@@ -60,15 +60,10 @@ def refused(words: list[str], folder: Path, *said: str) -> None:
     assert outcome.code == 2, (outcome.code, line)
     assert ": error: " in line, line
     assert "Traceback" not in line and "please report" not in line, line
-    assert_one_line(line, *said)
+    assert len(line) < 2000 and line.isprintable(), line
+    for words_said in said:
+        assert words_said in line, (words_said, line)
     assert state(folder) == before
-
-
-def assert_one_line(message: str, *said: str) -> None:
-    """Assert that an error's message is one readable line, in which `said` occur."""
-    assert len(message) < 2000 and message.isprintable(), message
-    for words in said:
-        assert words in message, (words, message)
 
 
 def masks_folder(folder: Path, frames: int = 3) -> Path:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from helpers import footage
 from helpers.camera_programs import PROGRAMS
-from helpers.camera_texts import FORMATS, Files, colmap, matlab_cells, write_files
+from helpers.camera_texts import FORMATS, Files, assert_same, colmap, matlab_cells, write_files
 from helpers.commands import succeed
 from helpers.footage import words
 
@@ -47,14 +47,6 @@ NAMES = {
     "caliscope": "cam_1",
 }
 LENSES = {"skeletool": 0, "numbered": 2}
-
-
-def assert_same(found: CameraRig, expected: CameraRig, n_lens: int = 5) -> None:
-    for a, b in zip(found, expected, strict=True):
-        assert a.size == b.size
-        for field in ("K", "R", "t"):
-            np.testing.assert_allclose(getattr(a, field), getattr(b, field), atol=1e-6)
-        np.testing.assert_allclose(a.distortion, b.distortion * (np.arange(5) < n_lens), atol=1e-9)
 
 
 @pytest.mark.parametrize("program", PROGRAMS)
