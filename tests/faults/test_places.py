@@ -119,29 +119,15 @@ def true_mask(stock: Path) -> None:
     cv2.imwrite(str(stock / "seq/truth_masks/c3_000001.png"), np.zeros((9, 9), np.uint8))
 
 
-def body(old: str, new: str) -> Change:
-    """Put the track's body, changed, at b.toml."""
-    return lambda stock: (stock / "b.toml").write_text(
-        (stock / "track/body.toml").read_text().replace(old, new, 1)
-    )
+def edited(name: str, old: str, new: str, into: str = "") -> Change:
+    """Replace a text in a file, or in a copy of it."""
 
+    def change(stock: Path) -> None:
+        text = (stock / name).read_text()
+        assert old in text
+        (stock / (into or name)).write_text(text.replace(old, new, 1))
 
-def other_pose(stock: Path) -> None:
-    path = stock / "pose.txt"
-    lines = path.read_text().splitlines(keepends=True)
-    lines[8] = lines[8].partition("#")[0] + "# tail.rx\n"
-    path.write_text("".join(lines))
-
-
-def far_pose(stock: Path) -> None:
-    first, *rest = (stock / "pose.txt").read_text().splitlines(keepends=True)
-    (stock / "far.txt").write_text("".join([first.replace(first.split()[0], "50", 1), *rest]))
-
-
-def other_camera(stock: Path) -> None:
-    """Rename a camera, so that in order each video would be the next camera's."""
-    path = stock / "walk/calibration.toml"
-    path.write_text(path.read_text().replace('name = "cam02"', 'name = "gopro"'))
+    return change
 
 
 #: Words, what is done to the stock before, and what the line says.
@@ -233,9 +219,11 @@ FAULTS: dict[str, tuple[list[str], Change | None, str]] = {
                                "-o", "new"], None, "--markers applies only to motion capture"),
     "masks of no pictures": ([*INFO, "--masks", "x.png"], None, "--masks shows pictures"),
     "emptiness of a recording": ([*LIVE[:-4], "--empty", "3"], None, "--empty applies only"),
-    "a bone of nothing": ([*TRACK, "--body", "b.toml"], body('parent = "pelvis"', 'parent = ""'),
+    "a bone of nothing": ([*TRACK, "--body", "b.toml"], edited("track/body.toml",
+                          'parent = "pelvis"', 'parent = ""', "b.toml"),
                           "parent is ''; expected a name of letters"),
-    "a pose of another body": (TRACK, other_pose, "value 9 is tail.rx, of another body"),
+    "a pose of another body": (TRACK, edited("pose.txt", "thorax.rz", "tail.rx"),
+                               "value 9 is tail.rx, of another body"),
     "one camera alone": ([*TRACK[:-4], "--cameras", "c1", "--frames", "1:"], None,
                          "one camera, c1; expected two or more"),
     "a run over another command's": (["apf", "smooth", "track", "-o", "out"], None,
@@ -249,11 +237,13 @@ FAULTS: dict[str, tuple[list[str], Change | None, str]] = {
                                  "--truth-start", "nan"], None, "--truth-start"),
     "a rate over nothing": ([*INFO, "--fps", "30/0"], None, "'30/0' is no frame rate"),
     "an empty folder": (["psfs", "info", "", "--no-pictures"], None, "FOLDER: is empty"),
-    "a camera of no video": (INFO, other_camera, "cam02 for cam03, cam03 for gopro"),
+    "a camera of no video": (INFO, edited("walk/calibration.toml", '"cam02"', '"gopro"'),
+                             "cam02 for cam03, cam03 for gopro"),
     "a mesh's check of the user": (["psfs", "mesh", "out", "--frame", "1", "--check"],
                                    file("out/mesh_check.json"), "out/mesh_check.json: is there"),
     "all meshes in one": (["psfs", "mesh", "out", "--frame", "all", "-o", "m.ply"], None, "m.ply"),
-    "a start elsewhere": ([*TRACK, "--init", "far.txt"], far_pose, "beyond the volume from"),
+    "a start elsewhere": ([*TRACK, "--init", "far.txt"], edited("pose.txt", "1", "50",
+                          "far.txt"), "beyond the volume from"),
     "terms of pictures for masks": ([*TRACK, "--likelihood", "contour"], None,
                                     "has masks, and no pictures for the terms contour"),
     "priors alone": ([*TRACK, "--likelihood", "overlap,posture"], None, "none of these terms"),
