@@ -9,13 +9,14 @@ import pytest
 from helpers import footage
 
 from cl import InputError
+from psfs.calibration.targets.detection import open_uncalibrated
 from psfs.footage.camera_times import (
     MeasuredOffset,
     combine_offsets,
     compare_signals,
     estimate_times,
 )
-from psfs.footage.layouts.uncalibrated import LAYOUT, read_uncalibrated
+from psfs.footage.layouts.uncalibrated import read_uncalibrated
 from psfs.footage.settings import SequenceSettings
 from psfs.footage.timing import Timing, pair_frames, synchronise
 from psfs.sequence import Sequence
@@ -35,9 +36,7 @@ def film(folder: Path) -> Path:
 
 
 def opened(folder: Path) -> Sequence:
-    return Sequence(
-        folder, LAYOUT, read_uncalibrated(folder, SequenceSettings()), SequenceSettings()
-    )
+    return open_uncalibrated(folder, SequenceSettings())
 
 
 def test_frames_of_the_same_time_go_together(tmp_path: Path) -> None:

@@ -9,17 +9,14 @@ from helpers import footage
 from helpers.commands import fail, succeed
 from scipy import ndimage
 
-from cl import Device
-from psfs.reconstructor import Reconstructor
+import psfs
 from psfs.sequence import Sequence
-from psfs.voxels.grid import VoxelGrid
 
 
 def reconstructed(folder: Path) -> np.ndarray:
-    sequence = Sequence.open(folder)
-    grid = VoxelGrid.covering(np.array([-1.5, -1.5, 0]), np.array([1.5, 1.5, 2]), 0.04)
-    ours = Reconstructor(Device.best(), sequence.rig, grid, sequence.background)
-    cloud = ours(sequence.read(6)).cloud()
+    box = np.array([[-1.5, -1.5, 0], [1.5, 1.5, 2]])
+    few: dict = {"frames": slice(6, 7), "volume": box, "voxel_size": 0.04, "all_cameras": True}
+    (cloud,) = psfs.reconstruct(psfs.open_sequence(folder), colour=False, **few)
     solid = np.zeros(cloud.grid.shape, bool)
     solid.flat[cloud.indices] = True
     return np.asarray(ndimage.binary_fill_holes(solid))
