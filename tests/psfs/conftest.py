@@ -11,7 +11,7 @@ from cl import Device
 
 @pytest.fixture(scope="session")
 def slow_walk(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The folder of four seconds of a walk, to read alone: 6 cameras, 12 frames, with a plate."""
+    """The folder of four seconds of a walk, to read alone: 4 cameras, 12 frames, with a plate."""
     folder = tmp_path_factory.mktemp("slow") / "walk"
     config = SceneConfig(cameras=4, frames=12, fps=3, size=(160, 120), seed=4)
     generate(folder, config, Device.best())
