@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 import pytest
 from helpers import footage
-from helpers.faults import changed_npz, npy, refused
+from helpers.faults import BOX, changed_npz, npy, refused
 from helpers.footage import cut
 
 NAN, INF = float("nan"), float("inf")
@@ -189,9 +189,7 @@ PICTURES: dict[str, bytes] = {
 @pytest.mark.parametrize("fault", PICTURES)
 def test_pictures(stock: Path, fault: str) -> None:
     (stock / "seq/masks/c3/0000.png").write_bytes(PICTURES[fault])
-    box = ["--voxel-size", "0.08", "--volume", "-0.6,0.6,-0.6,0.6,0,1.9"]
-    words = ["psfs", "reconstruct", "seq", "-o", "new", "--device", "numpy", "--all-cameras", *box]
-    refused(words, stock, "c3")
+    refused(["psfs", "reconstruct", "seq", "-o", "new", "--device", "numpy", *BOX], stock, "c3")
 
 
 def cut_after_the_index(path: Path) -> None:

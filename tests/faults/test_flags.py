@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from helpers import faults
 from helpers.commands import run, succeed
-from helpers.faults import refused
+from helpers.faults import BOX, refused
 
 #: What no flag for a number takes.
 NUMBERS = ("nan", "-inf", "1e300", "many", "", "9" * 401)
@@ -192,7 +192,7 @@ def test_paths_that_are_read(stock: Path, kind: str) -> None:
 
 
 WRITERS = [
-    ["psfs", "reconstruct", "seq", "--voxel-size=0.08", "--volume=-0.6,0.6,-0.6,0.6,0,1.9", "-o"],
+    ["psfs", "reconstruct", "seq", *BOX[:2], "-o"],
     ["apf", "smooth", "track", "-o"],
     ["apf", "export", "track", "-o"],
     ["apf", "evaluate", "track", "--truth", "truth.npz", "--json", "-o"],

@@ -18,6 +18,7 @@ import pyopencl
 import pytest
 from helpers import faults
 from helpers.commands import run, run_python, succeed
+from helpers.faults import BOX
 
 import apf.tracking.pipeline as pipeline
 import cl.launch
@@ -30,8 +31,6 @@ from psfs.common.outputs import find_unfinished_command
 from psfs.voxels.clouds import read_cloud
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="sends signals and limits files")
-
-BOX = ["--all-cameras", "--voxel-size", "0.08", "--volume=-0.6,0.6,-0.6,0.6,0,1.9"]
 
 
 def reconstruct(stock: Path, *more: str) -> list[str]:

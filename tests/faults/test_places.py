@@ -12,9 +12,8 @@ import numpy as np
 import pytest
 from helpers import tracks
 from helpers.commands import succeed
-from helpers.faults import changed_npz, refused
+from helpers.faults import BOX, changed_npz, refused
 
-BOX = ["--voxel-size", "0.08", "--volume=-0.6,0.6,-0.6,0.6,0,1.9", "--all-cameras"]
 INFO = ["psfs", "info", "walk", "--no-pictures"]
 TRACK = ["apf", "track", "seq", "-o", "new", *BOX, "--init", "pose.txt", "--particles", "40"]
 REPORT = ["apf", "report", "full", "--no-overlay"]
@@ -205,7 +204,7 @@ FAULTS: dict[str, tuple[list[str], Change | None, str]] = {
     "a flag of image objectives": ([*TRACK, "--edges", "canny"], None, "--edges applies only"),
     "no weight at all": ([*TRACK, "--likelihood", "edge=0"], None, "no term has a weight"),
     "a volume of one voxel": (["psfs", "reconstruct", "seq", "-q", "-o", "new", "--voxel-size",
-                               "20", *BOX[2:]], None, "1 x 1 x 1 voxels of 20 m"),
+                               "20", *BOX[1:]], None, "1 x 1 x 1 voxels of 20 m"),
     "a cutoff without smoothing": (["apf", "export", "track", "-o", "new", "--raw", "--cutoff",
                                     "3"], None, "--cutoff applies only to the smoothing"),
     "axes without a TRC": (["apf", "export", "track", "-o", "new", "--to", "bvh", "--axes",
@@ -248,7 +247,7 @@ FAULTS: dict[str, tuple[list[str], Change | None, str]] = {
                                     "has masks, and no pictures for the terms contour"),
     "priors alone": ([*TRACK, "--likelihood", "overlap,posture"], None, "none of these terms"),
     "too many voxels": (["psfs", "reconstruct", "seq", "-o", "new", "--grid", "5000,5000,5000",
-                         "--volume=-0.6,0.6,-0.6,0.6,0,1.9"], None, "expected fewer than 2^31"),
+                         BOX[1]], None, "expected fewer than 2^31"),
     "a studio in a file": (["apf", "studio", ".", "--no-browser", "-o", "pose.txt"], None,
                            "pose.txt: is a file"),
     "a pose as a scheduler": (["apf", "batch", "walk", "-o", "new", "--scheduler", "pose.txt"],

@@ -20,6 +20,8 @@ from helpers import footage, scenes, tracks
 from helpers.commands import run, succeed
 from helpers.keypoints import list_person, of_poses, write_deeplabcut, write_openpose
 
+#: Flags of a coarse reconstruction of the masks.
+BOX = ["--voxel-size=0.08", "--volume=-0.6,0.6,-0.6,0.6,0,1.9", "--all-cameras"]
 #: What may stand in a file of tables for something else.
 WRONG: dict[str, Any] = {
     "text": "many",
@@ -78,8 +80,7 @@ def stock(folder: Path) -> Path:
     truth files."""
     footage.native(folder / "walk", frames=20)
     masks_folder(folder / "seq")
-    succeed("psfs", "reconstruct", folder / "seq", "-o", folder / "out",
-            "--voxel-size", "0.08", "--volume", "-0.6,0.6,-0.6,0.6,0,1.9")  # fmt: skip
+    succeed("psfs", "reconstruct", folder / "seq", "-o", folder / "out", *BOX[:2])
     track = tracks.walker(6, body_name=DEFAULT_BODY)
     track.save(folder / "track/track.npz")
     assert track.body is not None
