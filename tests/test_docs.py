@@ -25,13 +25,20 @@ def page_name(page: Path) -> str:
 
 
 @pytest.mark.parametrize("page", PAGES, ids=page_name)
-def test_paths_and_links_exist(page: Path) -> None:
+def test_paths_links_and_anchors_exist(page: Path) -> None:
+    """An anchor is a heading of the page that is linked to."""
     text = re.sub(r"```.*?```", "", page.read_text(), flags=re.DOTALL)
-    links = re.findall(r"\]\((?!https?:)([^)#]+)", text)
-    missing = [link for link in links if not (page.parent / link).exists()]
     quoted = re.findall(r"`([\w./-]+)`", text)
     paths = [path for path in quoted if path.startswith(ROOMS)]
-    missing += [path for path in paths if not (ROOT / path).exists()]
+    missing = [path for path in paths if not (ROOT / path).exists()]
+    for link, anchor in re.findall(r"\]\((?!https?:)([^)#]*)#?([^)]*)\)", text):
+        target = page.parent / link if link else page
+        if not target.exists():
+            missing.append(link)
+        elif anchor:
+            headings = re.findall(r"^#+ (.*)$", target.read_text(), re.MULTILINE)
+            names = [re.sub(r"[^\w -]", "", line.lower()).replace(" ", "-") for line in headings]
+            missing += [f"{link}#{anchor}"] if anchor not in names else []
     assert not missing
 
 
@@ -86,27 +93,6 @@ def test_code_of_the_stage_is_the_repositorys() -> None:
         source = (ROOT / path).read_text()
         for piece in re.split(r"^ *\.\.\.\n|\n\n", block, flags=re.MULTILINE):
             assert piece.strip() in source, f"{path} has not:\n{piece}"
-
-
-@pytest.mark.parametrize("page", PAGES, ids=page_name)
-def test_anchors_exist(page: Path) -> None:
-    """A link to a heading, of this page or another, names one that is there."""
-    text = re.sub(r"```.*?```", "", page.read_text(), flags=re.DOTALL)
-    missing = []
-    for link, anchor in re.findall(r"\]\((?!https?:)([^)#]*)#([^)]+)\)", text):
-        target = page.parent / link if link else page
-        headings = re.findall(r"^#+ (.*)$", target.read_text(), re.MULTILINE)
-        names = {re.sub(r"[^\w -]", "", heading.lower()).replace(" ", "-") for heading in headings}
-        if anchor not in names:
-            missing.append(f"{link}#{anchor}")
-    assert not missing
-
-
-def test_every_page_is_on_the_site() -> None:
-    """In the navigation of mkdocs.yml, and no page that is not there."""
-    named = re.findall(r"([\w/]+\.md)", (ROOT / "mkdocs.yml").read_text().split("\nnav:")[1])
-    pages = {path.relative_to(ROOT / "docs").as_posix() for path in (ROOT / "docs").rglob("*.md")}
-    assert set(named) == pages
 
 
 def test_messages_of_the_questions_are_those_of_the_code() -> None:

@@ -31,44 +31,21 @@ def installed(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     return {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, paths))}
 
 
-def test_a_term_takes_four_files_at_most() -> None:
-    files = [path for path in PACKAGE.rglob("*") if path.suffix in (".py", ".toml", ".cl")]
-    assert 0 < len(files) <= 4
-
-
-@pytest.fixture(scope="module")
-def tested(
-    small_walk: Path, tmp_path_factory: pytest.TempPathFactory, installed: dict[str, str]
-) -> tuple[str, Path]:
-    """What a process with the package prints in the parity test of the term, and the folder of the
-    track that it then makes with it."""
-    out = tmp_path_factory.mktemp("track") / "out"
+def test_a_tracker_uses_the_term_whose_parity_test_passes(
+    small_walk: Path, tmp_path: Path, installed: dict[str, str]
+) -> None:
+    """The test of all terms has a row for it; a process with the package then tracks with it."""
     tests = ["tests/apf/likelihood/test_terms.py", "-k", "near_limits and stick", "-n", "0"]
-    words = [
-        "track",
-        str(small_walk),
-        "-o",
-        str(out),
-        "--init",
-        str(small_walk / "truth.npz"),
-        *TRACK,
-    ]
+    words = ["track", str(small_walk), "-o", str(tmp_path), *TRACK]
+    words += ["--init", str(small_walk / "truth.npz")]
     code = (
         "import sys, pytest; from apf.cli import main;"
         f"sys.exit(pytest.main({['-p', 'no:cacheprovider', *tests]!r}) or main({words!r}))"
     )
     command = [sys.executable, "-c", code]
     ran = subprocess.run(command, cwd=ROOT, env=installed, capture_output=True, text=True)
-    assert ran.returncode == 0, ran.stdout + ran.stderr
-    return ran.stdout, out
-
-
-def test_the_parity_test_has_the_terms_row(tested: tuple[str, Path]) -> None:
-    assert " passed" in tested[0], tested[0]
-
-
-def test_a_tracker_uses_the_term(tested: tuple[str, Path]) -> None:
-    track = np.load(tested[1] / "track.npz")
+    assert ran.returncode == 0 and " passed" in ran.stdout, ran.stdout + ran.stderr
+    track = np.load(tmp_path / "track.npz")
     settings = json.loads(str(track["provenance"]))["filter"]
     assert settings["near_limits_weight"] == 0.7 and settings["near_limits_free"] == 0.8
     assert np.isfinite(track["poses"]).all()

@@ -102,8 +102,6 @@ def test_track_takes_a_pose_and_says_what_is_wrong(small_walk: Path) -> None:
         apf.track(sequence, body=body, init=pose, frames=slice(9, 12))
     with pytest.raises(apf.InputError, match=r"expected \(31,\)"):
         apf.track(sequence, body=body, init=pose[:-1], frames=slice(0, 2))
-    with pytest.raises(apf.DeviceError, match="nonsense"):
-        apf.track(sequence, device="nonsense")
 
 
 def test_what_is_not_there_is_a_missing_file(small_walk: Path, tmp_path: Path) -> None:

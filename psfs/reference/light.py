@@ -46,12 +46,6 @@ def apply_light(background: Background, light: np.ndarray, density: BackgroundCo
     return Background(mean, std)
 
 
-def relight(images: np.ndarray, light: np.ndarray) -> np.ndarray:
-    """Return pictures (V, H, W, 3), in float64, relit by the background's own light."""
-    gains, offsets = light[:, None, None, :3], light[:, None, None, 3:6]
-    return (images - offsets) / (gains * _fields(light, images.shape))
-
-
 def _fields(light: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
     """Return (V, H, W, 1) the gain that varies over the picture."""
     y, x = np.indices(shape[1:3])

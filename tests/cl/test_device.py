@@ -3,8 +3,9 @@
 import gc
 import itertools
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pyopencl
@@ -62,31 +63,22 @@ def kernels(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def test_gpus_come_first_then_intel_s_runtime_then_newer_drivers(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    @dataclass
-    class Platform:
-        name: str
-
-    @dataclass
-    class Found:
-        type: int
-        platform: Platform
-        driver_version: str
-        max_compute_units: int
-
     gpu, cpu = pyopencl.device_type.GPU, pyopencl.device_type.CPU
     pocl, intel, nvidia = (
-        Platform("Portable Computing Language"),
-        Platform("Intel(R) OpenCL"),
-        Platform("NVIDIA CUDA"),
+        SimpleNamespace(name=name)
+        for name in ("Portable Computing Language", "Intel(R) OpenCL", "NVIDIA CUDA")
     )
     expected = [
-        Found(gpu, nvidia, "580.159", 132),
-        Found(gpu, intel, "26.1", 32),
-        Found(cpu, intel, "2026.22.10", 4),
-        Found(cpu, pocl, "5.0+debian", 4),
-        Found(cpu, pocl, "3.1", 4),
-        Found(cpu, pocl, "3.0-rc2", 8),
-        Found(cpu, pocl, "3.0-rc2", 4),
+        SimpleNamespace(type=kind, platform=by, driver_version=version, max_compute_units=units)
+        for kind, by, version, units in (
+            (gpu, nvidia, "580.159", 132),
+            (gpu, intel, "26.1", 32),
+            (cpu, intel, "2026.22.10", 4),
+            (cpu, pocl, "5.0+debian", 4),
+            (cpu, pocl, "3.1", 4),
+            (cpu, pocl, "3.0-rc2", 8),
+            (cpu, pocl, "3.0-rc2", 4),
+        )
     ]
     monkeypatch.setattr(cl.listing, "_opencl_devices", lambda: expected[::-1])
     assert ranked_devices() == expected

@@ -7,44 +7,15 @@ import socket
 import struct
 import threading
 from collections.abc import Callable, Iterator
-from pathlib import Path
 
 import pytest
 from helpers.commands import run_python
-from helpers.faults import refused
 
-from apf.cli.batch import list_takes
 from apf.cluster.connection import _check_answer
 from cl import DeviceError, InputError, MissingFileError
 from psfs.common.system import defer_interrupts
 
 needs_signals = pytest.mark.skipif(os.name != "posix", reason="sends signals")
-
-
-@pytest.mark.parametrize("line", ["output='/elsewhere'", "log_file='/elsewhere'", "quiet=true"])
-def test_flags_of_a_whole_batch_in_a_take(tmp_path: Path, line: str) -> None:
-    takes = tmp_path / "list.toml"
-    takes.write_text(f"[[take]]\nfolder = 'walk'\n{line}\n")
-    with pytest.raises(InputError, match=r"toml: take 1: .* is no setting of apf track"):
-        list_takes((takes,))
-
-
-@pytest.mark.parametrize("name", ["index.html", "takes.csv", "manifest.txt", "a\udcff"])
-def test_names_that_a_batch_needs_itself(stock: Path, name: str) -> None:
-    shown = name.replace("\udcff", "")
-    toml = f"[[take]]\nfolder = 'walk'\nname = '{shown}'\n"
-    words = ["apf", "batch", "takes.toml", "-o", "new", "--workers", "1"]
-    if name != shown:
-        (stock / "walk").rename(stock / name)
-        words[2] = name
-    (stock / "takes.toml").write_text(toml)
-    refused(words, stock, shown)
-
-
-def test_names_with_nul_in_a_list_of_takes(stock: Path) -> None:
-    (stock / "list.toml").write_text('[[take]]\nfolder = "se\\u0000q"\n')
-    words = ["apf", "batch", str(stock / "list.toml"), "-o", str(stock / "new"), "--workers", "1"]
-    refused(words, stock, "holds the character NUL")
 
 
 @pytest.fixture

@@ -7,11 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers import tracks
-from helpers.commands import fail
-from helpers.faults import changed_npz, refused
 from helpers.opensim import write_model
 
-from apf.filters.method import Method
 from apf.formats.opensim.model import read_model
 from apf.keypoints.opening import read_raw
 from apf.tracking.retracking import Correction, Corrections
@@ -56,34 +53,8 @@ def test_models_of_opensim(tmp_path: Path, change: Callable[[str], str], said: s
     assert said in str(error.value) and "m.osim" in str(error.value)
 
 
-def test_a_table_for_a_name_in_settings() -> None:
-    with pytest.raises(InputError, match=r"search is \{'a': 1\}; expected apf, "):
-        Method.from_dict({"search": {"a": 1}})
-
-
 @pytest.mark.parametrize("pattern", ["x/**a/[*", "**a", "["])
 def test_patterns(pattern: str) -> None:
     said = "matches no file" if pattern == "[" else r"damaged or of .* expected a pattern such as"
     with pytest.raises(InputError, match=f"{re.escape(pattern)}: {said}"):
         read_raw(Path(pattern))
-
-
-@pytest.mark.parametrize("name", ["track/track.npz", "truth.npz"])
-def test_a_frame_twice(stock: Path, name: str) -> None:
-    changed_npz(stock / name, frames=np.zeros(6, int))
-    words = ["apf", "evaluate", str(stock / "track"), "--truth", str(stock / "truth.npz")]
-    refused(
-        [*words, "-o", str(stock / "new")],
-        stock,
-        Path(name).parent.name or name,
-        "frames are not ascending",
-    )
-
-
-def test_the_root_folder() -> None:
-    said = fail("apf", "synth", "-o", "/", "--frames", "2", "--cameras", "2")
-    assert "has no name of its own" in said
-
-
-def test_odd_sides() -> None:
-    assert "expected even sides" in fail("apf", "synth", "-o", "new", "--size", "65x49")

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from helpers import faults
 from helpers.commands import run, succeed
-from helpers.faults import refused
+from helpers.faults import BOX, refused
 
 #: What no flag for a number takes.
 NUMBERS = ("nan", "-inf", "1e300", "many", "", "9" * 401)
@@ -29,6 +29,7 @@ COMMANDS: dict[str, tuple[list[str], dict[str, tuple[str, ...]]]] = {
     "mesh": (["psfs", "mesh", "out"], {"--smooth": ("-1", "1001", "999999999", "1.5"),
                                        "--frame": ("-1", "99", "2.5")}),
     "view": (["psfs", "view", "out", "--png", "x.png"], {"--frame": ("-1", "99", "2.5")}),
+    "page": (["psfs", "view", "out"], {"--port": ("70000", "-1")}),
     "track": (
         ["apf", "track", "seq", "-o", "new", "--all-cameras"],
         {
@@ -41,9 +42,7 @@ COMMANDS: dict[str, tuple[list[str], dict[str, tuple[str, ...]]]] = {
             "--edge-weight": ("-1",),
             "--silhouette-weight": ("-1",),
             "--height": ("0", "0.4", "2.6", "178", "17"),
-            "--voxel-size": ("0", "-1", "1e-300"),
             "--seeds": ("0", "-1", "1.5", "100000"),
-            "--fps": ("0", "-1", "1e-300"),
             "--trunk-layers": ("-1",),
             **dict.fromkeys(("--method", "--objective", "--background"), ("", "magic")),
         },
@@ -55,7 +54,6 @@ COMMANDS: dict[str, tuple[list[str], dict[str, tuple[str, ...]]]] = {
         ["apf", "smooth", "track", "-o", "new"],
         {"--cutoff": ("0", "-1", "1e-300"), "--lag": ("-1", "1.5")},
     ),
-    "export": (["apf", "export", "track", "-o", "new"], {"--cutoff": ("0", "-1", "1e-300")}),
     "render": (["apf", "render", "seq", "track", "-o", "new"], {"--shape": ("3", "-8", "9")}),
     "synth": (
         ["apf", "synth", "-o", "new"],
@@ -121,6 +119,8 @@ WORDS = {
     "apf live seq -o new --init pose.txt --captures /no/a /no/b /no/c /no/d /no/e": "/no/a: ",
     "apf live seq -o new --init pose.txt --captures /no/a": "1 captures (/no/a); expected 5",
     "apf synth -o pose.txt": "pose.txt: is a file",
+    "apf synth -o / --frames 2 --cameras 2": "has no name of its own",
+    "apf synth -o new --size 65x49": "expected even sides",
     "psfs reconstruct seq -o pose.txt": "pose.txt: is a file",
 }
 
@@ -192,17 +192,14 @@ def test_paths_that_are_read(stock: Path, kind: str) -> None:
 
 
 WRITERS = [
-    ["psfs", "reconstruct", "seq", "--voxel-size=0.08", "--volume=-0.6,0.6,-0.6,0.6,0,1.9", "-o"],
+    ["psfs", "reconstruct", "seq", *BOX[:2], "-o"],
     ["apf", "smooth", "track", "-o"],
     ["apf", "export", "track", "-o"],
     ["apf", "evaluate", "track", "--truth", "truth.npz", "--json", "-o"],
     ["psfs", "view", "out", "--frame", "1", "--png"],
 ]
 NAMES = {
-    "brackets": "[bold][/][red]",
-    "a line break": "a\nb",
-    "an escape": "a\x1b[31mb",
-    "no UTF-8": os.fsdecode(b"\xff\xfe"),
+    **{kind: PATHS[kind] for kind in ("brackets", "a line break", "an escape", "no UTF-8")},
     "spaces": " a b ",
     "a percent": "%s %d {x}",
     "a minus": "./-x",

@@ -25,6 +25,7 @@ FAULTS: dict[str, tuple[Callable[[Any], Any], str]] = {
     "a text as a size": (lambda s: psfs.reconstruct(s, voxel_size="0.05"), "voxel_size, m, is"),
     "a table as a config": (lambda s: psfs.reconstruct(s, config={}), "ReconstructionConfig"),
     "a name as a method": (lambda s: apf.track(s, method="pso"), "apf.Method.create()"),
+    "a table as a search": (lambda s: apf.Method.from_dict({"search": {}}), "search is {}"),
     "a list as a pose": (lambda s: apf.track(s, init=[0.0] * 31), "of type list; expected ndarray"),
     "centimetres": (lambda s: apf.track(s, height=178), "height, m, is 178"),
     "an array as keypoints": (lambda s: apf.track(s, keypoints=np.zeros(3)), "expected Keypoints"),

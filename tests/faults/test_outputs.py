@@ -4,6 +4,7 @@ import multiprocessing
 import os
 import shutil
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -22,6 +23,12 @@ def run(out: Path, *names: str) -> None:
     with output_folder(out, "a run"):
         for name in names:
             write_text(out / name, "ours")
+
+
+def refuse(said: str, out: Path, name: str = "a run", **settings: Any) -> None:
+    """Assert that nothing can be written into a folder."""
+    with pytest.raises(InputError, match=said), output_folder(out, name, **settings):
+        pass
 
 
 def files(out: Path) -> set[str]:
@@ -54,11 +61,7 @@ def test_a_file_of_the_user_in_the_way(tmp_path: Path, manifest: bool) -> None:
     (tmp_path / "a.txt").write_text("mine")
     with pytest.raises(InputError, match=r"a\.txt: is there already"):
         run(tmp_path, "a.txt")
-    with (
-        pytest.raises(InputError, match=r"a\.txt: is there already"),
-        output_folder(tmp_path, "a run", expected=["*.txt"]),
-    ):
-        pass
+    refuse(r"a\.txt: is there already", tmp_path, expected=["*.txt"])
     assert (tmp_path / "a.txt").read_text() == "mine"
     assert (tmp_path / "b.txt").exists() == manifest
 
@@ -102,11 +105,7 @@ def test_an_output_over_the_input(tmp_path: Path, inside: str) -> None:
     (tmp_path / "seq/videos").mkdir(parents=True)
     (tmp_path / "link").symlink_to(tmp_path / inside)
     for out in (tmp_path / inside, tmp_path / "link"):
-        with (
-            pytest.raises(InputError, match="which is read"),
-            output_folder(out, "a run", inputs=[tmp_path / "seq/videos"]),
-        ):
-            pass
+        refuse("which is read", out, inputs=[tmp_path / "seq/videos"])
     with output_folder(tmp_path / "seq/out", "a run", inputs=[tmp_path / "seq/videos"]):
         pass
 
@@ -120,11 +119,7 @@ def test_results_among_footage(tmp_path: Path, by: str) -> None:
     else:
         with output_folder(tmp_path, by):
             write_text(video, "ours")
-    with (
-        pytest.raises(InputError, match=r"cam01\.mp4, which may be read"),
-        output_folder(video.parent, "apf evaluate", addition=True),
-    ):
-        pass
+    refuse(r"cam01\.mp4, which may be read", video.parent, "apf evaluate", addition=True)
     run(tmp_path / "new", "picture.png")
     with output_folder(tmp_path / "new", "apf evaluate", addition=True):
         write_text(tmp_path / "new" / "evaluation.png", "ours")
@@ -210,6 +205,5 @@ def _second(out: str, queue: multiprocessing.Queue) -> None:
 @pytest.mark.parametrize("place", ["file", "file/out", "x" * 300])
 def test_places_that_cannot_be_written(tmp_path: Path, place: str) -> None:
     (tmp_path / "file").write_text("mine")
-    with pytest.raises(InputError, match=place[:20]), output_folder(tmp_path / place, "a run"):
-        pass
+    refuse(place[:20], tmp_path / place)
     assert (tmp_path / "file").read_text() == "mine"

@@ -15,21 +15,23 @@ def stock(stock: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return stock
 
 
-@pytest.mark.parametrize("name", ["mine.png", "seq/masks/c3/0001.png"])
-def test_a_picture_over_a_file(stock: Path, name: str) -> None:
-    if name == "mine.png":
+#: Words, and what the line says.
+REFUSED = {
+    "psfs view out --frame 1 --png mine.png": ["mine.png"],
+    "psfs view out --frame 1 --png seq/masks/c3/0001.png": ["seq/masks/c3/0001.png"],
+    "psfs view out --frame 1 --png link.png --overwrite": ["no regular file"],
+    "psfs info seq --masks seq/masks/c3/new.png": ["lies among the files that are read"],
+    "psfs silhouettes seq -o seq/truth_masks --frames 0:1": ["seq/truth_masks", "which is read"],
+    "psfs mesh out --frame 1 -o mine.ply": ["mine.ply: exists"],
+}
+
+
+@pytest.mark.parametrize("words", REFUSED)
+def test_files_that_stay(stock: Path, words: str) -> None:
+    for name in ("mine.png", "mine.ply"):
         (stock / name).write_bytes(b"mine")
-    refused([*VIEW, "--png", name], stock, name)
-
-
-def test_a_picture_among_the_masks(stock: Path) -> None:
-    words = ["psfs", "info", "seq", "--masks", "seq/masks/c3/new.png"]
-    refused(words, stock, "lies among the files that are read")
-
-
-def test_silhouettes_as_the_true_masks(stock: Path) -> None:
-    words = ["psfs", "silhouettes", "seq", "-o", "seq/truth_masks", "--frames", "0:1"]
-    refused(words, stock, "seq/truth_masks", "which is read")
+    (stock / "link.png").symlink_to("out/preview.png")
+    refused(words.split(), stock, *REFUSED[words])
 
 
 def test_a_picture_that_was_written_before(stock: Path) -> None:
@@ -39,17 +41,6 @@ def test_a_picture_that_was_written_before(stock: Path) -> None:
     refused([*VIEW, "--png", "x.png"], stock, "x.png: exists", "--overwrite")
     succeed(*VIEW, "--png", "x.png", "--overwrite")
     assert (stock / "x.png").read_bytes() != b"changed since"
-
-
-def test_a_link_over_a_file(stock: Path) -> None:
-    (stock / "x.png").symlink_to("out/preview.png")
-    refused([*VIEW, "--png", "x.png", "--overwrite"], stock, "no regular file")
-
-
-def test_a_mesh_over_a_file(stock: Path) -> None:
-    pytest.importorskip("skimage")
-    (stock / "mine.ply").write_bytes(b"mine")
-    refused(["psfs", "mesh", "out", "--frame", "1", "-o", "mine.ply"], stock, "mine.ply: exists")
 
 
 def test_a_link_out_of_an_output(stock: Path) -> None:

@@ -12,9 +12,8 @@ import numpy as np
 import pytest
 from helpers import tracks
 from helpers.commands import succeed
-from helpers.faults import changed_npz, refused
+from helpers.faults import BOX, changed_npz, refused
 
-BOX = ["--voxel-size", "0.08", "--volume=-0.6,0.6,-0.6,0.6,0,1.9", "--all-cameras"]
 INFO = ["psfs", "info", "walk", "--no-pictures"]
 TRACK = ["apf", "track", "seq", "-o", "new", *BOX, "--init", "pose.txt", "--particles", "40"]
 REPORT = ["apf", "report", "full", "--no-overlay"]
@@ -69,8 +68,23 @@ def folder(name: str) -> Change:
     return change
 
 
-def takes(text: str) -> Change:
-    return file("takes.toml", text)
+def gone(name: str) -> Change:
+    return lambda stock: [path.unlink() for path in stock.glob(name)]
+
+
+def takes(line: str) -> Change:
+    """A list of one take."""
+    return file("takes.toml", f"[[take]]\nfolder = 'walk'\n{line}")
+
+
+def only_videos(stock: Path) -> None:
+    (stock / "walk").rename(stock / "whole")
+    (stock / "whole/videos").rename(stock / "walk")
+
+
+def two_calibrations(stock: Path) -> None:
+    first = (stock / "walk/calibration.toml").rename(stock / "walk/calib1.toml")
+    shutil.copy(first, stock / "walk/calib2.toml")
 
 
 def grid(**values: Any) -> Change:
@@ -104,34 +118,30 @@ def true_mask(stock: Path) -> None:
     cv2.imwrite(str(stock / "seq/truth_masks/c3_000001.png"), np.zeros((9, 9), np.uint8))
 
 
-def body(old: str, new: str) -> Change:
-    """Put the track's body, changed, at b.toml."""
-    return lambda stock: (stock / "b.toml").write_text(
-        (stock / "track/body.toml").read_text().replace(old, new, 1)
-    )
+def edited(name: str, old: str, new: str, into: str = "") -> Change:
+    """Replace a text in a file, or in a copy of it."""
 
+    def change(stock: Path) -> None:
+        text = (stock / name).read_text()
+        assert old in text
+        (stock / (into or name)).write_text(text.replace(old, new, 1))
 
-def other_pose(stock: Path) -> None:
-    path = stock / "pose.txt"
-    lines = path.read_text().splitlines(keepends=True)
-    lines[8] = lines[8].partition("#")[0] + "# tail.rx\n"
-    path.write_text("".join(lines))
-
-
-def far_pose(stock: Path) -> None:
-    first, *rest = (stock / "pose.txt").read_text().splitlines(keepends=True)
-    (stock / "far.txt").write_text("".join([first.replace(first.split()[0], "50", 1), *rest]))
-
-
-def other_camera(stock: Path) -> None:
-    """Rename a camera, so that in order each video would be the next camera's."""
-    path = stock / "walk/calibration.toml"
-    path.write_text(path.read_text().replace('name = "cam02"', 'name = "gopro"'))
+    return change
 
 
 #: Words, what is done to the stock before, and what the line says.
 FAULTS: dict[str, tuple[list[str], Change | None, str]] = {
     "a folder as a calibration": (INFO, folder("walk/calibration.toml"), "calibration.toml"),
+    "nothing in a folder": (["psfs", "info", "new"], folder("new"), "no sequence is recognised"),
+    "no calibration": (INFO, gone("walk/calibration.toml"), "no calibration"),
+    "videos alone": (INFO, only_videos, "no calibration; expected calibration.toml"),
+    "no pictures": (INFO, gone("walk/videos/*"), "no pictures"),
+    "3 cameras for 2 videos": (INFO, gone("walk/videos/cam01.mp4"), "for 3 cameras"),
+    "a background is missing": (INFO, gone("walk/background/cam01.mp4"), "background"),
+    "malformed settings": (INFO, file("walk/sequence.toml", "up = "), "sequence.toml: malf"),
+    "no masks": (INFO, file("walk/sequence.toml", "background = 'masks'"), "needs masks"),
+    "no threshold": (INFO, file("walk/sequence.toml", "background='threshold'"), "`threshold`"),
+    "two calibrations": (INFO, two_calibrations, "several calibrations (calib1.toml, calib2.toml)"),
     "a file as videos/": (INFO, file("walk/videos"), "walk"),
     "a camera shifted twice": ([*INFO, "--sync", "cam01=1,cam01=2"], None, "each camera once"),
     "settings of another command": ([*INFO, "--config", "c.toml"], file("c.toml", "debris = 1"),
@@ -149,6 +159,10 @@ FAULTS: dict[str, tuple[list[str], Change | None, str]] = {
                                   summary("out", "grid", origin_m=[1.0, 0.0, 0.0]), "frame_00000"),
     "a true mask of another size": (["psfs", "silhouettes", "seq", "-o", "new", "-q"], true_mask,
                                     "c3_000001.png"),
+    "a run without its footage": (["psfs", "check", "out"], summary("out", "sequence",
+                                  absolute="/gone", relative="gone"), "/gone is gone"),
+    "settings of another version": (["psfs", "mesh", "out"], summary("out", "config", "silhouette",
+                                    magic=1), "silhouette.magic: no such setting"),
     "a mesh over a cloud": (["psfs", "mesh", "out", "-o", "out/clouds/frame_000001.ply"], None,
                             "frame_000001.ply"),
     "a report of the user": ([*TRACK, "--layers", "2"], file("new/report.html"), "report.html"),
@@ -168,10 +182,16 @@ FAULTS: dict[str, tuple[list[str], Change | None, str]] = {
     "a negative time of emptiness": ([*LIVE, "--empty", "-3"], None, "--empty"),
     "keypoints of nobody": ([*LIVE, "--objective", "keypoints"], None, "apf live reads none"),
     "a truth in synth's way": (SYNTH, file("new/truth.npz"), "new/truth.npz"),
-    "an empty list of takes": (BATCH, takes(""), "takes.toml"),
-    "a flag that is none": (BATCH, takes("[[take]]\nfolder = 'walk'\nfrob = 3"), "takes.toml"),
-    "a take outside": (BATCH, takes("[[take]]\nfolder = 'walk'\nname = '../x'"), "'../x'"),
-    "a take named logs": (BATCH, takes("[[take]]\nfolder = 'walk'\nname = 'logs'"), "logs"),
+    "an empty list of takes": (BATCH, file("takes.toml", ""), "takes.toml"),
+    "NUL in a list of takes": (BATCH, file("takes.toml", '[[take]]\nfolder = "a\\u0000b"'),
+                               "holds the character NUL"),
+    "a take outside": (BATCH, takes("name = '../x'"), "'../x'"),
+    "a name that is no UTF-8": (["apf", "batch", "a\udcff", "-o", "new", "--workers", "1"],
+                                lambda stock: (stock / "walk").rename("a\udcff"), r"a\udcff"),
+    **{f"a take named {name}": (BATCH, takes(f"name = '{name}'"), name)
+       for name in ("logs", "index.html", "takes.csv", "manifest.txt")},
+    **{line: (BATCH, takes(line), "is no setting of apf track")
+       for line in ("frob=3", "output='/elsewhere'", "log_file='/elsewhere'", "quiet=true")},
     "100,000 workers": (["apf", "batch", "walk", "-o", "new", "--workers", "100000"], None,
                         "--workers"),
     "parts of no frame": (["apf", "batch", "walk", "-o", "new", "--part-frames", "-5"], None,
@@ -184,7 +204,7 @@ FAULTS: dict[str, tuple[list[str], Change | None, str]] = {
     "a flag of image objectives": ([*TRACK, "--edges", "canny"], None, "--edges applies only"),
     "no weight at all": ([*TRACK, "--likelihood", "edge=0"], None, "no term has a weight"),
     "a volume of one voxel": (["psfs", "reconstruct", "seq", "-q", "-o", "new", "--voxel-size",
-                               "20", *BOX[2:]], None, "1 x 1 x 1 voxels of 20 m"),
+                               "20", *BOX[1:]], None, "1 x 1 x 1 voxels of 20 m"),
     "a cutoff without smoothing": (["apf", "export", "track", "-o", "new", "--raw", "--cutoff",
                                     "3"], None, "--cutoff applies only to the smoothing"),
     "axes without a TRC": (["apf", "export", "track", "-o", "new", "--to", "bvh", "--axes",
@@ -198,9 +218,11 @@ FAULTS: dict[str, tuple[list[str], Change | None, str]] = {
                                "-o", "new"], None, "--markers applies only to motion capture"),
     "masks of no pictures": ([*INFO, "--masks", "x.png"], None, "--masks shows pictures"),
     "emptiness of a recording": ([*LIVE[:-4], "--empty", "3"], None, "--empty applies only"),
-    "a bone of nothing": ([*TRACK, "--body", "b.toml"], body('parent = "pelvis"', 'parent = ""'),
+    "a bone of nothing": ([*TRACK, "--body", "b.toml"], edited("track/body.toml",
+                          'parent = "pelvis"', 'parent = ""', "b.toml"),
                           "parent is ''; expected a name of letters"),
-    "a pose of another body": (TRACK, other_pose, "value 9 is tail.rx, of another body"),
+    "a pose of another body": (TRACK, edited("pose.txt", "thorax.rz", "tail.rx"),
+                               "value 9 is tail.rx, of another body"),
     "one camera alone": ([*TRACK[:-4], "--cameras", "c1", "--frames", "1:"], None,
                          "one camera, c1; expected two or more"),
     "a run over another command's": (["apf", "smooth", "track", "-o", "out"], None,
@@ -214,16 +236,18 @@ FAULTS: dict[str, tuple[list[str], Change | None, str]] = {
                                  "--truth-start", "nan"], None, "--truth-start"),
     "a rate over nothing": ([*INFO, "--fps", "30/0"], None, "'30/0' is no frame rate"),
     "an empty folder": (["psfs", "info", "", "--no-pictures"], None, "FOLDER: is empty"),
-    "a camera of no video": (INFO, other_camera, "cam02 for cam03, cam03 for gopro"),
+    "a camera of no video": (INFO, edited("walk/calibration.toml", '"cam02"', '"gopro"'),
+                             "cam02 for cam03, cam03 for gopro"),
     "a mesh's check of the user": (["psfs", "mesh", "out", "--frame", "1", "--check"],
                                    file("out/mesh_check.json"), "out/mesh_check.json: is there"),
     "all meshes in one": (["psfs", "mesh", "out", "--frame", "all", "-o", "m.ply"], None, "m.ply"),
-    "a start elsewhere": ([*TRACK, "--init", "far.txt"], far_pose, "beyond the volume from"),
+    "a start elsewhere": ([*TRACK, "--init", "far.txt"], edited("pose.txt", "1", "50",
+                          "far.txt"), "beyond the volume from"),
     "terms of pictures for masks": ([*TRACK, "--likelihood", "contour"], None,
                                     "has masks, and no pictures for the terms contour"),
     "priors alone": ([*TRACK, "--likelihood", "overlap,posture"], None, "none of these terms"),
     "too many voxels": (["psfs", "reconstruct", "seq", "-o", "new", "--grid", "5000,5000,5000",
-                         "--volume=-0.6,0.6,-0.6,0.6,0,1.9"], None, "expected fewer than 2^31"),
+                         BOX[1]], None, "expected fewer than 2^31"),
     "a studio in a file": (["apf", "studio", ".", "--no-browser", "-o", "pose.txt"], None,
                            "pose.txt: is a file"),
     "a pose as a scheduler": (["apf", "batch", "walk", "-o", "new", "--scheduler", "pose.txt"],

@@ -9,7 +9,8 @@ import numpy.typing as npt
 from apf.body.kinematics import posed_cones
 from apf.body.model import BodyModel
 from apf.body.toml import load_body
-from psfs.common.cones import CONE_FLOATS
+from psfs.common.cones import CONE_FLOATS, cone_distances
+from psfs.voxels.grid import VoxelGrid
 
 #: Small and awkward: a root away from the origin, free axes whose order in the pose is not that
 #: of the file, inverted ones, a slider after a hinge, a turned bone, elliptic sections, a cone that
@@ -119,6 +120,12 @@ def surface_points(body: BodyModel, pose: np.ndarray, n: int) -> np.ndarray:
     circle = np.cos(angle) * x / np.sum(x * x, -1, keepdims=True)
     circle += np.sin(angle) * y / np.sum(y * y, -1, keepdims=True)
     return cones[:, 0:3] + t * (cones[:, 4:7] - cones[:, 0:3]) + radius * circle
+
+
+def voxels_of(body: BodyModel, pose: np.ndarray, grid: VoxelGrid) -> tuple[np.ndarray, np.ndarray]:
+    """Return whether voxels (V,) lie in a posed body, and the indices of those at its surface."""
+    distances = cone_distances(grid.centres(), posed_cones(body, pose[None])[0]).min(1)
+    return distances < 0, np.flatnonzero((distances < 0) & (distances > -1.2 * grid.voxel_size))
 
 
 def crossing() -> np.ndarray:

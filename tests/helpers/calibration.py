@@ -10,6 +10,7 @@ from scipy.spatial.distance import pdist
 from scipy.spatial.transform import Rotation
 
 from helpers import scenes
+from psfs.calibration.scene import rigid_transform, turn_to_up
 from psfs.calibration.targets.target import Sighting, Target
 from psfs.cameras.camera import Camera
 
@@ -44,29 +45,20 @@ def facing(rng: np.random.Generator, towards: np.ndarray, reach: float = 0.6) ->
     m."""
     place = np.array([*rng.uniform(-reach, reach, 2), rng.uniform(0.6, 1.6)])
     z = place - towards + rng.normal(0, 0.4, 3)
-    z /= np.linalg.norm(z)
-    x = np.cross(rng.normal(0, 1, 3), z)
-    x /= np.linalg.norm(x)
-    return rigid(np.stack([x, np.cross(z, x), z], -1), place)
+    return rigid_transform(turn_to_up(z, np.cross(rng.normal(0, 1, 3), z)).T, place)
 
 
 def anyhow(rng: np.random.Generator, reach: float = 0.7) -> Pose:
     """Return a pose (4, 4) in a random direction."""
     Q, _ = np.linalg.qr(rng.normal(size=(3, 3)))
     place = np.array([*rng.uniform(-reach, reach, 2), rng.uniform(0.4, 1.6)])
-    return rigid(Q * np.sign(np.linalg.det(Q)), place)
+    return rigid_transform(Q * np.sign(np.linalg.det(Q)), place)
 
 
 def flat(turn: float, x: float = 0.0, y: float = 0.0) -> Pose:
     """Return a pose (4, 4) of a board that lies face up on the floor: its Z axis points down."""
     c, s = np.cos(turn), np.sin(turn)
-    return rigid(np.array([[c, s, 0], [s, -c, 0], [0, 0, -1.0]]), np.array([x, y, 0]))
-
-
-def rigid(R: np.ndarray, t: np.ndarray) -> Pose:
-    pose = np.eye(4)
-    pose[:3, :3], pose[:3, 3] = R, t
-    return pose
+    return rigid_transform(np.array([[c, s, 0], [s, -c, 0], [0, 0, -1.0]]), np.array([x, y, 0]))
 
 
 def board_picture(

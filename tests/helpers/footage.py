@@ -4,6 +4,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
+import av
 import cv2
 import ezc3d
 import numpy as np
@@ -68,15 +69,45 @@ def write_toml(path: Path, values: dict) -> None:
 
 
 def write_video(
-    path: Path, levels: list[int], fps: float = 25.0, size: tuple[int, int] = SIZE
+    path: Path,
+    levels: Iterable[int],
+    fps: float = 25.0,
+    size: tuple[int, int] = SIZE,
+    codec: str = "mp4v",
 ) -> None:
     """Write frames of one grey level each."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), fps, size)
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*codec), fps, size)
     assert writer.isOpened()
     for level in levels:
         writer.write(np.full((size[1], size[0], 3), level, np.uint8))
     writer.release()
+
+
+def write_film(
+    path: Path,
+    levels: Iterable[int],
+    fps: int = 30,
+    sound: tuple[np.ndarray, int] | None = None,
+    **metadata: str,
+) -> Path:
+    """Write frames of one grey level each, with sound (N,) at a rate, Hz, and metadata, by PyAV."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with av.open(str(path), "w", options={"movflags": "use_metadata_tags"}) as container:
+        container.metadata.update(metadata)
+        video = container.add_stream("mpeg4", rate=fps)
+        video.width, video.height, video.pix_fmt = *SIZE, "yuv420p"
+        audio = sound and container.add_stream("aac", rate=sound[1], layout="mono")
+        for level in levels:
+            picture = np.full((*SIZE[::-1], 3), level, np.uint8)
+            container.mux(video.encode(av.VideoFrame.from_ndarray(picture, format="bgr24")))
+        container.mux(video.encode())
+        if audio and sound:
+            frame = av.AudioFrame.from_ndarray(sound[0].astype(np.float32)[None], "fltp", "mono")
+            frame.sample_rate = sound[1]
+            container.mux(audio.encode(frame))
+            container.mux(audio.encode())
+    return path
 
 
 def write_picture(path: Path, picture: np.ndarray) -> None:

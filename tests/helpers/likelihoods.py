@@ -1,22 +1,15 @@
 """A voxel likelihood on the device with poses and maps of the test's own choice."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from scipy import ndimage
 
-from apf.body.kinematics import posed_cones
 from apf.body.model import BodyModel
 from apf.filters.config import FilterConfig
-from apf.likelihood.voxel import GRASP_WEIGHT, VoxelLikelihood, choose_cone_sampling
-from apf.reference.likelihood.voxel import (
-    FrameEvidence,
-    NumpyVoxelLikelihood,
-    grasp_errors,
-    posture_errors,
-    subset,
-    total_errors,
-)
+from apf.likelihood.voxel import VoxelLikelihood
+from apf.reference.likelihood.voxel import NumpyVoxelLikelihood
 from apf.scene import Scene
 from cl import Device, NumpyDevice
 from helpers import bodies, scenes
@@ -62,8 +55,8 @@ class Setup:
         self.body, self.rig, self.maps = body, rig, smooth_maps(rig)
         self.poses = poses.astype(np.float32)
         self.config = config.likelihood
-        scene = Scene(device, rig, grid or scenes.small_grid(0.1), body)
-        self.likelihood = VoxelLikelihood(scene, self.config, len(poses))
+        self.scene = Scene(device, rig, grid or scenes.small_grid(0.1), body)
+        self.likelihood = VoxelLikelihood(self.scene, self.config, len(poses))
         self.likelihood.points.fill(0)
         self.on_device = device.to_device(self.poses)
 
@@ -76,14 +69,9 @@ class Setup:
         return self.likelihood.errors.get()
 
     def expected(self, points: np.ndarray, turn: int = 0) -> np.ndarray:
-        cones = posed_cones(self.body, self.poses)
-        sampling = choose_cone_sampling(self.body)
-        seen = subset(points, turn, self.config.point_turns)
-        observed = FrameEvidence(self.maps, seen)
-        errors = total_errors(self.rig, cones, observed, sampling, self.body.apart, self.config)
-        errors += len(self.rig) * GRASP_WEIGHT * grasp_errors(self.body, cones)
-        posture = posture_errors(self.body, self.poses.astype(float))
-        return errors + len(self.rig) * self.config.posture_prior_weight * posture
+        twin = NumpyVoxelLikelihood(replace(self.scene, device=NumpyDevice()), self.config)
+        twin._maps, twin.points, twin.turn = self.maps, points, turn
+        return twin(self.poses.astype(float))
 
 
 def only(name: str, **settings: Any) -> FilterConfig:

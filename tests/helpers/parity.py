@@ -5,11 +5,9 @@ and fails unless it launches them all (conftest.py). With `pytest --without-kern
 such test runs once more for each of its kernels, which is left out: it must fail then.
 """
 
-import ast
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -93,21 +91,3 @@ def left_out(kernel: str) -> Iterator[None]:
     with instead(enqueue), pytest.MonkeyPatch.context() as patch:
         patch.setattr(Device, "empty", zeros)
         yield
-
-
-def marked_in(tests: Path) -> dict[str, set[str]]:
-    """Return the tests that are marked for each kernel, read from the tests' text."""
-    found: dict[str, set[str]] = {}
-    for path in sorted(tests.rglob("test_*.py")):
-        for node in ast.walk(ast.parse(path.read_text())):
-            if isinstance(node, ast.FunctionDef):
-                for decorator in node.decorator_list:  # and what its parameters are marked with
-                    for kernel in (k for n in ast.walk(decorator) for k in _kernels_of(n)):
-                        found.setdefault(kernel, set()).add(f"{path.name}::{node.name}")
-    return found
-
-
-def _kernels_of(node: ast.AST) -> list[str]:
-    if not isinstance(node, ast.Call) or ast.unparse(node.func) != "pytest.mark.parity":
-        return []
-    return [ast.literal_eval(argument) for argument in node.args]

@@ -1,5 +1,6 @@
 """Small synthetic scenes for the tests of the reconstruction."""
 
+from collections.abc import Iterable
 from dataclasses import replace
 from functools import cache
 from types import SimpleNamespace
@@ -11,6 +12,7 @@ import numpy.typing as npt
 
 from cl import Device
 from psfs.background.gaussian import Background
+from psfs.calibration.scene import turn_to_up
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.sequence import Frame
 from psfs.voxels.bricks import Bricks
@@ -27,10 +29,7 @@ def frame(
 
 def rotation_towards(direction: np.ndarray, up: npt.ArrayLike = (0, 0, 1.0)) -> np.ndarray:
     """Return the rotation (3, 3) of an upright camera that looks along a direction (3,)."""
-    z = direction / np.linalg.norm(direction)
-    x = np.cross(z, up)
-    x /= np.linalg.norm(x)
-    return np.stack([x, np.cross(z, x), z])
+    return turn_to_up(direction, np.cross(direction, up))
 
 
 def pinhole(
@@ -40,6 +39,17 @@ def pinhole(
     R = rotation_towards(np.subtract(target, centre))
     K = np.array([[focal, 0, size[0] / 2], [0, focal, size[1] / 2], [0, 0, 1]])
     return Camera(name, K, np.zeros(5), R, -R @ centre, size)
+
+
+def pinholes(
+    places: Iterable[tuple[float, float, float]],
+    target: npt.ArrayLike,
+    size: tuple[int, int],
+    focal: float,
+) -> list[Camera]:
+    """Return such cameras c0, c1, ... at azimuth, rad, distance from the z axis and height, m."""
+    centres = [(away * np.cos(turn), away * np.sin(turn), height) for turn, away, height in places]
+    return [pinhole(f"c{k}", centre, target, size, focal) for k, centre in enumerate(centres)]
 
 
 def looking_at(
@@ -117,11 +127,29 @@ def solid_points() -> np.ndarray:
     return points[solid(points)]
 
 
-def masks_of(rig: CameraRig) -> np.ndarray:
-    """Render silhouettes (V, H, W) uint8 of the test body from a dense cloud of points."""
+def limbs(frame: float) -> np.ndarray:
+    """Points (N, 3) m of a body with arms, which turns and moves them."""
+    random = np.random.default_rng(0)
+    turn, swing = 0.1 * frame, np.sin(0.3 * frame)
+    parts = [
+        ([0, 0, 0.9], [0.15, 0.1, 0.6]),
+        ([0, 0, 1.6], [0.1, 0.1, 0.15]),
+        ([0.35, 0.1, 1.2 + 0.3 * swing], [0.25, 0.05, 0.05]),
+        ([-0.35, 0.0, 1.2 - 0.3 * swing], [0.25, 0.05, 0.05]),
+        ([0.1, 0.25 * swing, 0.3], [0.06, 0.06, 0.3]),
+        ([-0.1, -0.25 * swing, 0.3], [0.06, 0.06, 0.3]),
+    ]
+    points = np.concatenate([np.array(m) + random.uniform(-1, 1, (400, 3)) * s for m, s in parts])
+    c, s = np.cos(turn), np.sin(turn)
+    about: np.ndarray = points @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]])
+    return about + np.array([0.2 * np.sin(0.05 * frame), 0.2 * np.cos(0.07 * frame), 0])
+
+
+def masks_of(rig: CameraRig, shift: npt.ArrayLike = (0, 0, 0)) -> np.ndarray:
+    """Render silhouettes (V, H, W) uint8 of the shifted test body from a dense cloud of points."""
     masks = np.zeros((len(rig), rig.height, rig.width), np.uint8)
     for mask, camera in zip(masks, rig, strict=True):
-        mask[: camera.size[1], : camera.size[0]] = draw_points(camera, solid_points())
+        mask[: camera.size[1], : camera.size[0]] = draw_points(camera, solid_points() + shift)
     return masks
 
 

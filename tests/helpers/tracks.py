@@ -18,14 +18,12 @@ def walker(frames: int = 30, start: int = 0, fps: float = 60.0, body_name: str =
     """Return a track of a body walking a curve and swinging its limbs."""
     body = load_body(body_name)
     phase = np.linspace(0, 4, frames)
-    poses = np.tile(body.rest_pose, (frames, 1))
-    place = {name: body.dof_names.index(f"pelvis.{name}") for name in ("tx", "ty", "tz", "rz")}
-    poses[:, place["tx"]] = np.cos(phase)
-    poses[:, place["ty"]] = np.sin(phase)
-    poses[:, place["tz"]] = 1.0
-    poses[:, place["rz"]] = phase + np.pi / 2
-    for name, sign in (("l_thigh.ry", 1), ("r_thigh.ry", -1)):
-        poses[:, body.dof_names.index(name)] += sign * 0.4 * np.sin(6 * phase)
+    swing = 0.4 * np.sin(6 * phase)
+    poses = bodies.bent(
+        body, np.tile(body.rest_pose, (frames, 1)), pelvis__tx=np.cos(phase),
+        pelvis__ty=np.sin(phase), pelvis__tz=0.09, pelvis__rz=phase + np.pi / 2,
+        l_thigh__ry=swing, r_thigh__ry=-swing,
+    )  # fmt: skip
     layers = np.linspace(0, 1, frames * 4).reshape(frames, 4)
     return replace(
         track_of_poses(body, poses, fps),

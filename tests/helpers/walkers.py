@@ -2,12 +2,10 @@
 
 import numpy as np
 
-from apf.body.kinematics import posed_cones
 from apf.body.toml import load_body
 from apf.initialisation.kept_voxels import StoredVoxels
 from cl import Device
 from helpers import bodies
-from psfs.common.cones import cone_distances
 from psfs.voxels.grid import VoxelCloud, VoxelGrid
 
 SONG = load_body("song31")
@@ -25,7 +23,5 @@ def surface_voxels(device: Device, pose: np.ndarray | None) -> StoredVoxels:
     """Return the surface voxels of a pose; none for None."""
     indices = np.zeros(0, np.int32)
     if pose is not None:
-        distance = cone_distances(GRID.centres(), posed_cones(SONG, pose[None])[0]).min(1)
-        shell = (distance < 0) & (distance > -1.2 * GRID.voxel_size)
-        indices = np.flatnonzero(shell).astype(np.int32)
+        indices = bodies.voxels_of(SONG, pose, GRID)[1].astype(np.int32)
     return StoredVoxels(device, VoxelCloud(GRID, indices, np.ones(len(indices), np.float32)))

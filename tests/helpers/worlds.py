@@ -4,13 +4,11 @@ from functools import lru_cache
 
 import numpy as np
 
-from apf.body.kinematics import posed_cones
 from apf.body.model import BodyModel
 from apf.scene import Scene
 from cl import Device, NumpyDevice
 from helpers import bodies, scenes
 from psfs.cameras.camera import CameraRig
-from psfs.common.cones import cone_distances
 from psfs.reconstructor import Reconstructor
 from psfs.voxels.device_voxels import Voxels
 from psfs.voxels.host_voxels import HostVoxels
@@ -40,12 +38,8 @@ class World:
         return pose
 
     def twin(self, frame: int) -> HostVoxels:
-        distances = _distances(self.body, self.pose(frame).tobytes(), self.grid.voxel_size)
-        inside = distances < 0
-        shell = inside & (distances > -1.2 * self.grid.voxel_size)
-        return HostVoxels(
-            self.grid, inside.reshape(self.grid.shape).astype(float), np.flatnonzero(shell), 0
-        )
+        inside, shell = _voxels(self.body, self.pose(frame).tobytes(), self.grid.voxel_size)
+        return HostVoxels(self.grid, inside.reshape(self.grid.shape).astype(float), shell, 0)
 
     def voxels(self, frame: int) -> Voxels:
         indices = self.twin(frame).surface.astype(np.int32)
@@ -57,7 +51,5 @@ class World:
 
 
 @lru_cache(maxsize=100)
-def _distances(body: BodyModel, pose: bytes, voxel: float) -> np.ndarray:
-    """Return the distances (voxels,), m, of a world's voxels from the surface of a posed body."""
-    cones = posed_cones(body, np.frombuffer(pose)[None])[0]
-    return cone_distances(scenes.small_grid(voxel).centres(), cones).min(1)
+def _voxels(body: BodyModel, pose: bytes, voxel: float) -> tuple[np.ndarray, np.ndarray]:
+    return bodies.voxels_of(body, np.frombuffer(pose), scenes.small_grid(voxel))

@@ -6,6 +6,7 @@ from pathlib import Path
 import av
 import numpy as np
 import pytest
+from helpers import footage
 from PIL import Image
 from PIL.TiffImagePlugin import IFDRational
 
@@ -19,16 +20,7 @@ KEY = "com.apple.quicktime.camera.focal_length.35mm_equivalent"
 
 
 def film(path: Path, **metadata: str) -> Path:
-    """Write a small video with metadata of the file."""
-    with av.open(str(path), "w", options={"movflags": "use_metadata_tags"}) as container:
-        container.metadata.update(metadata)
-        video = container.add_stream("mpeg4", rate=30)
-        video.width, video.height, video.pix_fmt = 64, 48, "yuv420p"
-        for _ in range(2):
-            frame = av.VideoFrame.from_ndarray(np.zeros((48, 64, 3), np.uint8), format="bgr24")
-            container.mux(video.encode(frame))
-        container.mux(video.encode())
-    return path
+    return footage.write_film(path, [0, 0], **metadata)
 
 
 def atom(kind: bytes, content: bytes) -> bytes:

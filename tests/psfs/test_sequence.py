@@ -44,8 +44,7 @@ def test_native_videos(tmp_path: Path) -> None:
     sequence = Sequence.open(footage.native(tmp_path / "walk"))
     assert (sequence.name, len(sequence), sequence.fps) == ("walk", 12, 25)
     assert sequence.background_kind == "gaussian"
-    assert sequence.volume is None
-    assert sequence.notes == []
+    assert sequence.volume is None and sequence.notes == []
     frames = list(sequence)
     assert [frame.index for frame in frames] == list(range(12))
     assert frames[0].images.shape == (3, 48, 64, 3) and frames[0].images.dtype == np.uint8
@@ -337,14 +336,8 @@ def test_prefetch_ends_while_another_thread_starts() -> None:
 
 
 def test_prefetch_is_bounded() -> None:
-    made = []
-
-    def numbers() -> Iterator[int]:
-        for i in range(100):
-            made.append(i)
-            yield i
-
-    ahead = prefetch(numbers(), 3)
+    made: list[int] = []
+    ahead = prefetch((made.append(i) or i for i in range(100)), 3)
     assert next(ahead) == 0
     time.sleep(0.15)
     assert len(made) <= 5  # one taken, three waiting, one in hand

@@ -1,5 +1,6 @@
 """A session computes once what several stages need, and each stage gets what a new one would."""
 
+from collections.abc import Iterable
 from dataclasses import asdict, replace
 from pathlib import Path
 
@@ -34,6 +35,21 @@ def carved_anew(session: Session, grid: VoxelGrid, indices: range) -> list[Carve
     return found
 
 
+def carve(session: Session, grid: VoxelGrid, wanted: Iterable[int]) -> None:
+    """Carve all frames, as a stage after which some are wanted again."""
+    session.keep_carved(wanted)
+    reconstruct = session.reconstructor(grid)
+    for frame in session.sequence:
+        session.record_carved(frame.index, reconstruct(frame))
+
+
+def with_furniture(session: Session, rows: int) -> Session:
+    """Return a session whose first camera does not see so many upper rows."""
+    hidden = np.zeros((len(session.rig), session.rig.height, session.rig.width), bool)
+    hidden[0, :rows] = True
+    return session.with_sequence(session.sequence.with_rig(session.rig.with_hidden(hidden)))
+
+
 def assert_same(found: list[CarvedFrame], expected: list[CarvedFrame]) -> None:
     np.testing.assert_equal([*map(asdict, found)], [*map(asdict, expected)])
 
@@ -54,10 +70,7 @@ def test_frames_carved_by_one_stage_are_kept_for_the_next(
     session: Session, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     grid, wanted = automatic_grid(session), [0, 2, 3]
-    session.keep_carved(wanted)
-    reconstruct = session.reconstructor(grid)
-    for frame in session.sequence:
-        session.record_carved(frame.index, reconstruct(frame))
+    carve(session, grid, wanted)
     every = carved_anew(session, grid, range(4))
     with monkeypatch.context() as patch:
         patch.setattr(Session, "reconstructor", None)  # nothing is reconstructed
@@ -73,22 +86,14 @@ def test_kept_frames_take_a_bounded_memory(
 ) -> None:
     monkeypatch.setattr(psfs.session, "KEPT_BYTES", 1)
     grid = automatic_grid(session)
-    session.keep_carved(range(4))
-    reconstruct = session.reconstructor(grid)
-    for frame in session.sequence:
-        session.record_carved(frame.index, reconstruct(frame))
+    carve(session, grid, range(4))
     assert_same(list(session.iterate_carved(grid, range(2))), carved_anew(session, grid, range(2)))
 
 
 def test_what_is_hidden_is_known_of_kept_frames(session: Session) -> None:
-    hidden = np.zeros((len(session.rig), session.rig.height, session.rig.width), bool)
-    hidden[0, : session.rig.height // 2] = True
-    session = session.with_sequence(session.sequence.with_rig(session.rig.with_hidden(hidden)))
+    session = with_furniture(session, session.rig.height // 2)
     grid = automatic_grid(session)
-    session.keep_carved(range(2))
-    reconstruct = session.reconstructor(grid)
-    for index in range(2):
-        session.record_carved(index, reconstruct(session.sequence.read(index)))
+    carve(session, grid, range(2))
     kept = list(session.iterate_carved(grid, range(2)))
     assert_same(kept, carved_anew(session, grid, range(2)))
     assert not kept[0].known[0].all() and kept[0].known[1].all()
@@ -97,8 +102,7 @@ def test_what_is_hidden_is_known_of_kept_frames(session: Session) -> None:
 def test_a_corrected_rig_has_the_frames_that_were_kept(session: Session) -> None:
     session.sequence.keep_frames()
     expected = [frame.images for frame in session.sequence]
-    hidden = np.zeros((len(session.rig), session.rig.height, session.rig.width), bool)
-    other = session.with_sequence(session.sequence.with_rig(session.rig.with_hidden(hidden)))
+    other = with_furniture(session, 0)
     assert other is not session
     assert all(map(np.array_equal, (frame.images for frame in other.sequence), expected))
 

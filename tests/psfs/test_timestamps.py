@@ -4,19 +4,19 @@ import shutil
 from itertools import combinations
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 from helpers import footage
 
 from cl import InputError
+from psfs.calibration.targets.detection import open_uncalibrated
 from psfs.footage.camera_times import (
     CameraTimes,
     MeasuredOffset,
     combine_offsets,
     compare_signals,
 )
-from psfs.footage.layouts.uncalibrated import LAYOUT, read_uncalibrated
+from psfs.footage.layouts.uncalibrated import read_uncalibrated
 from psfs.footage.settings import SequenceSettings
 from psfs.footage.timing import Timing, pair_frames, synchronise
 from psfs.sequence import Sequence
@@ -27,20 +27,16 @@ TIMES = {0: [1.0, 1.1, 1.2, 1.3, 1.4, 1.5], 1: [1.09, 1.21, 1.41, 1.5]}  # 1.3 w
 def film(folder: Path) -> Path:
     rows = ["sync_index,cam_id,frame_index,frame_time"]
     for camera, times in TIMES.items():
-        kind = cv2.VideoWriter.fourcc(*"MJPG")
-        video = cv2.VideoWriter(str(folder / f"cam_{camera}.avi"), kind, 10, (64, 48))
+        levels = [round(100 * (time - 0.9)) for time in times]
+        footage.write_video(folder / f"cam_{camera}.avi", levels, 10, codec="MJPG")
         for number, time in enumerate(times):
-            video.write(np.full((48, 64, 3), round(100 * (time - 0.9)), np.uint8))
             rows.insert(1, f"{number},{camera},{number + 7},{time}")
-        video.release()
     (folder / "timestamps.csv").write_text("\n".join(rows))
     return folder
 
 
 def opened(folder: Path) -> Sequence:
-    return Sequence(
-        folder, LAYOUT, read_uncalibrated(folder, SequenceSettings()), SequenceSettings()
-    )
+    return open_uncalibrated(folder, SequenceSettings())
 
 
 def test_frames_of_the_same_time_go_together(tmp_path: Path) -> None:
@@ -58,13 +54,13 @@ def test_masks_go_with_the_pictures(tmp_path: Path) -> None:
     masks.mkdir()
     for video in film(tmp_path).glob("*.avi"):
         shutil.copy(video, masks)
-    footage = read_uncalibrated(tmp_path, SequenceSettings(), silhouettes=True)
-    paired, _, _ = synchronise(footage, None, {}, 30)
+    read = read_uncalibrated(tmp_path, SequenceSettings(), silhouettes=True)
+    paired, _, _ = synchronise(read, None, {}, 30)
     assert [item.count for item in paired.masks or ()] == [4, 4]
     shutil.copy(masks / "cam_1.avi", masks / "cam_0.avi")
-    footage = read_uncalibrated(tmp_path, SequenceSettings(), silhouettes=True)
+    read = read_uncalibrated(tmp_path, SequenceSettings(), silhouettes=True)
     with pytest.raises(InputError, match="6 times of cam_0, whose video has 4 frames"):
-        synchronise(footage, None, {}, 30)
+        synchronise(read, None, {}, 30)
 
 
 @pytest.mark.parametrize(

@@ -46,7 +46,7 @@ def test_one_camera_of_four_may_deny_the_body(tmp_path: Path) -> None:
     assert np.all(grid.low < [-0.2, -0.3, 0.2]) and np.all(grid.high > [0.4, 0.3, 1.6])
     assert np.all(grid.high - grid.low < [1.4, 1.4, 2.4])
     three = scenes.ring(3)
-    with pytest.raises(InputError, match="nothing stands out"):
+    with pytest.raises(InputError, match=r"nothing stands out .*; expected masks"):
         automatic_grid(session(opened(tmp_path / "three", three, masks[:3])))
 
 
@@ -56,13 +56,6 @@ def test_a_stated_volume_is_taken(tmp_path: Path) -> None:
     assert automatic_grid(session(sequence, voxel_size=0.1)).shape == (20, 20, 20)
     with pytest.raises(InputError, match="voxel size is 0"):
         automatic_grid(session(sequence, voxel_size=0.0))
-
-
-def test_only_background_is_an_error(tmp_path: Path) -> None:
-    rig = scenes.ring(3)
-    empty = np.zeros((3, rig.height, rig.width), np.uint8)
-    with pytest.raises(InputError, match=r"nothing stands out .*; expected masks"):
-        automatic_grid(session(opened(tmp_path, rig, empty)))
 
 
 def test_real_sets() -> None:

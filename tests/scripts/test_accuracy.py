@@ -211,18 +211,11 @@ def test_methods_and_objectives() -> None:
     assert not thesis.uses_voxels and thesis.filter.search.n_particles == 96
     search = make_method(replace(BASE, method="sir"), 0).filter.search
     assert (search.n_particles, search.n_layers) == (2000, 1)
-    for key, wrong in (("method", "luck"), ("objective", "edge+smell")):
+    vertices = make_method(replace(BASE, method="pso", objective="sp@130"), 0).image
+    assert vertices.vertices_per_part == 130 and thesis.image.vertices_per_part == 4
+    for key, wrong in (("method", "luck"), ("objective", "edge+smell"), ("objective", "sp@many")):
         with pytest.raises(InputError, match=rf"{wrong[-4:]}.*expected"):
             make_method(replace(BASE, **{key: wrong}), 0)
-
-
-def test_shapes_by_their_vertices() -> None:
-    """Rymut 2016, table 6.5."""
-    setting = replace(BASE, method="pso", objective="sp@130")
-    assert make_method(setting, 0).image.vertices_per_part == 130
-    assert make_method(replace(setting, objective="sp"), 0).image.vertices_per_part == 4
-    with pytest.raises(InputError, match=r"many.*expected"):
-        make_method(replace(setting, objective="sp@many"), 0)
 
 
 def test_text_between_marks(tmp_path: Path) -> None:
@@ -234,20 +227,15 @@ def test_text_between_marks(tmp_path: Path) -> None:
         replace_marked(page, "y", "new")
 
 
-def test_readings_of_a_paper_change_the_preset() -> None:
+def test_presets_of_readings_and_ablations_change_settings() -> None:
     for name, (base, _) in READINGS.items():
         changed, paper = load_preset(name), load_preset(base)
         assert changed.name == name and changed != paper.replace(name=name)
     assert load_preset("rymut-impulse").method.features.proximity.function == "impulse"
     assert load_preset("kwolek-plain").background == "mog-plain"
-
-
-def test_every_ablation_changes_the_defaults() -> None:
-    found = [load_preset(name, search="apf", objective="voxel") for name in ABLATIONS]
-    assert all(one.method != Preset().method or one.reconstruction != Preset().reconstruction
-               for one in found)  # fmt: skip
-    changed = {repr((one.method, one.reconstruction)) for one in found}
-    assert len(changed) == len(ABLATIONS)
+    every = [load_preset(name, search="apf", objective="voxel") for name in ABLATIONS]
+    settings = {repr((one.method, one.reconstruction)) for one in [Preset(), *every]}
+    assert len(settings) == 1 + len(ABLATIONS)
     with pytest.raises(InputError, match="by no such name"):
         load_preset("by no such name")
 

@@ -152,20 +152,18 @@ def test_human36ms_cameras_turn_about_x_then_y_then_z() -> None:
 
 
 def test_what_is_missing_is_named(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="no trial with videos and joints; expected biocv"):
-        prepare_dataset("biocv", tmp_path, tmp_path / "suite")
-    with pytest.raises(InputError, match=r"0 files calibration\.cal; expected one"):
-        prepare_dataset("totalcapture", tmp_path, tmp_path / "suite")
-    with pytest.raises(InputError, match=r"0 files metadata\.xml; expected one"):
-        prepare_dataset("human36m", tmp_path, tmp_path / "suite")
+    def refused(kind: str, said: str) -> None:
+        with pytest.raises(InputError, match=said):
+            prepare_dataset(kind, tmp_path, tmp_path / "suite")
+
+    refused("biocv", "no trial with videos and joints; expected biocv")
+    refused("totalcapture", r"0 files calibration\.cal; expected one")
+    refused("human36m", r"0 files metadata\.xml; expected one")
     (tmp_path / "metadata.xml").write_text("<metadata><w0>[1 2]</w0></metadata>")
-    with pytest.raises(InputError, match="w0 has 2 numbers; expected 300"):
-        prepare_dataset("human36m", tmp_path, tmp_path / "suite")
+    refused("human36m", "w0 has 2 numbers; expected 300")
     _biocv(tmp_path)
     calibration = tmp_path / "P03" / "01.mp4.calib"
     calibration.write_text("640 480 1")
-    with pytest.raises(InputError, match=r"01\.mp4\.calib: 3 numbers; expected 32"):
-        prepare_dataset("biocv", tmp_path, tmp_path / "suite")
+    refused("biocv", r"01\.mp4\.calib: 3 numbers; expected 32")
     calibration.unlink()
-    with pytest.raises(InputError, match=r"no 01\.mp4\.calib beside it"):
-        prepare_dataset("biocv", tmp_path, tmp_path / "suite")
+    refused("biocv", r"no 01\.mp4\.calib beside it")

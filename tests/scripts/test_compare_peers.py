@@ -52,10 +52,6 @@ def test_figures_of_known_errors() -> None:
     assert found.rest < 1 and found.far == 0 and found.jitter < 0.01
     late = JointSeries(tuple(JOINTS), truth.joints[:-6, :12], 30.0, np.arange(FRAMES - 6))
     assert measure(late, truth).gaps == pytest.approx(0.1)  # frames without any position
-
-
-def test_jitter_is_that_of_the_error_and_not_of_the_motion() -> None:
-    truth = the_truth()
     noisy = truth.joints.copy()
     noisy[::2] += np.array([0.001, 0, 0])
     assert measure(shown(truth.joints), truth).jitter == pytest.approx(0, abs=1e-9)

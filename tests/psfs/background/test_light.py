@@ -10,7 +10,7 @@ from psfs.background.config import LightConfig
 from psfs.background.gaussian import Background
 from psfs.background.light import relight_picture
 from psfs.reconstructor import ReconstructionConfig, Reconstructor
-from psfs.reference.light import estimate_light, relight
+from psfs.reference.light import estimate_light
 from psfs.silhouettes.config import AppearanceConfig, SilhouetteConfig
 from psfs.silhouettes.silhouette import Silhouette
 
@@ -80,11 +80,11 @@ def test_pictures_are_brought_to_the_backgrounds_light() -> None:
     rig, background, images = changed(2, (201, 153), slope=0.1)
     light = estimated(rig, background, images)
     free = scenes.masks_of(rig) == 0
-    own = relight(images, light)
+    own = np.stack([relight_picture(*view) for view in zip(images, light, strict=True)]).astype(
+        float
+    )
     inside = free & (background.mean.max(-1) > 0)
     assert np.median(np.abs(own - background.mean)[inside]) < 3
-    one = relight_picture(images[0], light[0])
-    assert np.abs(one - own[0].clip(0, 255)).max() <= 0.51
 
 
 def test_silhouettes_stay_when_the_light_steps(device: Device) -> None:

@@ -5,49 +5,34 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-import pytest
 from helpers import footage
 from helpers.commands import fail, succeed
 from scipy import ndimage
 
-from apf.synthetic.generate import generate
-from apf.synthetic.scene import SceneConfig
-from cl import Device
-from psfs.reconstructor import Reconstructor
+import psfs
 from psfs.sequence import Sequence
-from psfs.voxels.grid import VoxelGrid
-
-
-@pytest.fixture(scope="module")
-def walk(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Four seconds of a walk, with a plate."""
-    folder = tmp_path_factory.mktemp("no_plate") / "walk"
-    config = SceneConfig(cameras=4, frames=12, fps=3, size=(160, 120), seed=4)
-    generate(folder, config, Device.best())
-    return folder
 
 
 def reconstructed(folder: Path) -> np.ndarray:
-    sequence = Sequence.open(folder)
-    grid = VoxelGrid.covering(np.array([-1.5, -1.5, 0]), np.array([1.5, 1.5, 2]), 0.04)
-    ours = Reconstructor(Device.best(), sequence.rig, grid, sequence.background)
-    cloud = ours(sequence.read(6)).cloud()
+    box = np.array([[-1.5, -1.5, 0], [1.5, 1.5, 2]])
+    few: dict = {"frames": slice(6, 7), "volume": box, "voxel_size": 0.04, "all_cameras": True}
+    (cloud,) = psfs.reconstruct(psfs.open_sequence(folder), colour=False, **few)
     solid = np.zeros(cloud.grid.shape, bool)
     solid.flat[cloud.indices] = True
     return np.asarray(ndimage.binary_fill_holes(solid))
 
 
-def test_a_moving_person_is_found(walk: Path, tmp_path: Path) -> None:
+def test_a_moving_person_is_found(slow_walk: Path, tmp_path: Path) -> None:
     bare = tmp_path / "bare"
-    shutil.copytree(walk, bare)
+    shutil.copytree(slow_walk, bare)
     shutil.rmtree(bare / "background")
     assert Sequence.open(bare).background_kind == "frames"
-    with_plate, without = reconstructed(walk), reconstructed(bare)
+    with_plate, without = reconstructed(slow_walk), reconstructed(bare)
     assert (with_plate & without).sum() > 0.7 * (with_plate | without).sum()
 
 
-def test_a_still_person_is_background(walk: Path, tmp_path: Path) -> None:
-    still, sequence = tmp_path / "still", Sequence.open(walk)
+def test_a_still_person_is_background(slow_walk: Path, tmp_path: Path) -> None:
+    still, sequence = tmp_path / "still", Sequence.open(slow_walk)
     images = sequence.read(5).images
     assert images is not None
     footage.write_take(still, sequence.rig, [4 * [image] for image in images], "images")
@@ -55,11 +40,11 @@ def test_a_still_person_is_background(walk: Path, tmp_path: Path) -> None:
     assert "expected a person who moves" in last and "background/" in last
 
 
-def test_a_background_that_holds_the_person_is_found_out(walk: Path, tmp_path: Path) -> None:
+def test_a_background_that_holds_the_person_is_found_out(slow_walk: Path, tmp_path: Path) -> None:
     """In one camera's film."""
-    plate = shutil.copytree(walk, tmp_path / "plate")
+    plate = shutil.copytree(slow_walk, tmp_path / "plate")
     (plate / "background/cam02.mp4").unlink()
-    images = Sequence.open(walk).read(0).images
+    images = Sequence.open(slow_walk).read(0).images
     assert images is not None
     cv2.imwrite(str(plate / "background/cam02.png"), images[1])
     said = " ".join(succeed("psfs", "info", plate).out.split())

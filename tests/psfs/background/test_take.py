@@ -12,7 +12,6 @@ from psfs.background.coverage import Coverage, Rays
 from psfs.background.gaussian import median_moments
 from psfs.background.pixel_densities import PixelDensities, find_moving_region
 from psfs.background.take import estimate_background_from_take
-from psfs.footage.media import Media
 from psfs.reference.silhouette import picture_masks
 
 SIZE = (201, 153)
@@ -22,22 +21,18 @@ SMALL = (121, 91)
 EXTRAPOLATED = 10.0
 
 
-class Pictures(Media):
-    """Pictures of a camera in memory."""
+class Pictures:
+    """A camera's pictures in memory: as much of `Media` as is asked for."""
 
-    def __new__(cls, frames: np.ndarray) -> Pictures:
-        media = object.__new__(cls)
-        size = frames.shape[2], frames.shape[1]
-        for name, value in (("name", "c"), ("paths", ()), ("size", size), ("count", len(frames))):
-            object.__setattr__(media, name, value)
-        object.__setattr__(media, "held", frames)
-        return media
+    name, paths = "c", ()
 
     def __init__(self, frames: np.ndarray) -> None:
-        pass
+        self.held, self.count, self.size = frames, len(frames), (frames.shape[2], frames.shape[1])
 
-    def frames(self, indices):
-        return (self.held[index] for index in indices)
+    def frames(self, indices=slice(None)):
+        return iter(self.held[indices])
+
+    __iter__ = frames
 
 
 def take(

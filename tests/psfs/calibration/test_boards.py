@@ -12,6 +12,7 @@ from helpers.commands import fail, succeed
 
 from cl import InputError
 from psfs.calibration.intrinsics import read_intrinsics
+from psfs.calibration.scene import rigid_transform
 from psfs.calibration.targets.board_files import read_board
 from psfs.calibration.targets.boards import CharucoFinder, ChessboardFinder
 from psfs.calibration.targets.markers import find_bright_spots
@@ -61,7 +62,7 @@ def test_a_board_in_part_is_of_use_only_if_it_tells_its_numbers() -> None:
     dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_6X6_250)
     board = cv2.aruco.CharucoBoard(SQUARES, SQUARE, 0.14, dictionary)
     flat = board.generateImage((100 * SQUARES[0], 100 * SQUARES[1]))
-    near = made.rigid(CAMERA.R.T, CAMERA.centre + CAMERA.R.T @ [-0.55, -0.05, 1.0])
+    near = rigid_transform(CAMERA.R.T, CAMERA.centre + CAMERA.R.T @ [-0.55, -0.05, 1.0])
     finder = CharucoFinder(SQUARES, SQUARE, 0.14)
     found = finder(0, pictured(made.board_picture(255 - flat, SQUARE, SQUARES), near))
     assert found is not None and 6 <= len(found[0]) < 20
@@ -75,7 +76,7 @@ def test_old_patterns_and_several_boards_are_told_apart(tmp_path: Path) -> None:
     """Two boards of one kind, numbered on, and OpenCV's pattern of before 4.6."""
     squares = (6, 4)
     dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50)
-    near = made.rigid(CAMERA.R.T, CAMERA.centre + CAMERA.R.T @ [-0.55, -0.4, 1.3])
+    near = rigid_transform(CAMERA.R.T, CAMERA.centre + CAMERA.R.T @ [-0.55, -0.4, 1.3])
     finders = [CharucoFinder(squares, SQUARE, 0.14, "4X4", first) for first in (0, 12)]
     for first, old in ((0, True), (12, False)):
         ids = np.arange(first, first + 12)

@@ -14,6 +14,7 @@ from psfs.calibration.scene import (
     align_to_cameras,
     align_to_floor,
     reprojection_errors,
+    rigid_transform,
     rms,
 )
 from psfs.calibration.targets.target import Sighting, Target, make_chessboard, make_wand
@@ -93,11 +94,9 @@ def test_a_camera_that_is_late_is_named() -> None:
     """With two boards, of which one is seen: each frame of the footage counts as two."""
 
     def pose(k: int) -> np.ndarray:
-        axis = np.array(
-            [1 + 0.8 * np.sin(k * 0.11), 0.9 * np.cos(k * 0.13), 1.5 * np.sin(k * 0.07)]
-        )
+        turn = [1 + 0.8 * np.sin(k * 0.11), 0.9 * np.cos(k * 0.13), 1.5 * np.sin(k * 0.07)]
         place = 0.5 * np.array([np.sin(k * 0.13), np.cos(0.1 * k), 1.9 + np.sin(0.17 * k)])
-        return made.rigid(made.cv2.Rodrigues(axis)[0], place)
+        return rigid_transform(np.array(turn), place)
 
     sightings = made.sighted(WAND, CAMERAS, [pose(k) for k in range(60)])
     sightings = [replace(s, frame=2 * (s.frame + 2 * (s.view == 4))) for s in sightings]
@@ -164,7 +163,7 @@ def test_up_is_towards_cameras_that_look_down() -> None:
     for k, (x, y) in enumerate([(1, 1), (-1, 1), (-1, -1), (1, -1)]):
         R = made.flat(k * np.pi / 2)[:3, :3]
         cameras.append(replace(CAMERAS[k], R=R, t=-R @ np.array([x, y, 3.0])))
-    first = made.rigid(cameras[0].R, cameras[0].t)
+    first = rigid_transform(cameras[0].R, cameras[0].t)
     seen = replace(scene, cameras=tuple(cameras)).transform(first)
     turned = seen.transform(align_to_cameras(seen))
     for camera in turned.cameras:

@@ -63,13 +63,6 @@ def test_the_surface_is_that_of_the_run(out: Path, device: Device | NumpyDevice)
         assert distance.max() <= cloud.grid.voxel_size * np.sqrt(3)  # closed: diagonals, too
 
 
-def test_parameters_of_another_version_are_said(out: Path, tmp_path: Path) -> None:
-    summary = json.loads((out / "summary.json").read_text())
-    summary["config"]["silhouette"]["magic"] = 1
-    (tmp_path / "summary.json").write_text(json.dumps(summary))
-    assert "silhouette.magic: no such setting" in fail("psfs", "mesh", tmp_path)
-
-
 def test_the_dinosaur_is_watertight_and_fills_its_silhouettes(tmp_path: Path) -> None:
     folder = shared_data("middlebury_dino")
     size = ["--volume", "-0.064,0.022,-0.068,0.019,-0.035,0.075", "--voxel-size", "0.002"]

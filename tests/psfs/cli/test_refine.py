@@ -13,23 +13,9 @@ from psfs.cameras.camera import CameraRig
 EXACT = scenes.without_distortion(scenes.ring(4, (320, 240), 4.0))
 
 
-def person(frame: int) -> np.ndarray:
-    """Points (N, 3) m of somebody who waves."""
-    random = np.random.default_rng(0)
-    wave = 0.3 * np.sin(0.25 * frame)
-    parts = [
-        ([0, 0, 1.0], [0.14, 0.1, 0.8]),
-        ([0.4, 0, 1.3 + wave], [0.25, 0.06, 0.06]),
-        ([-0.4, wave, 1.2], [0.25, 0.06, 0.06]),
-        ([0.3 * np.sin(0.1 * frame), 0.3, 0.5], [0.06, 0.06, 0.5]),
-    ]
-    found = [np.array(m) + random.uniform(-1, 1, (300, 3)) * size for m, size in parts]
-    return np.concatenate(found) + np.array([0.2 * np.sin(0.05 * frame), 0.1, 0])
-
-
 def film(folder: Path, frames: int, rig: CameraRig = EXACT) -> Path:
     """Write masks as the exact cameras show them, with the calibration of `rig`."""
-    people = [person(frame) for frame in range(frames)]
+    people = [scenes.limbs(frame) for frame in range(frames)]
     views = [[scenes.draw_points(camera, each, 7) for each in people] for camera in EXACT]
     return footage.write_take(folder, rig, views)
 
@@ -45,7 +31,7 @@ def test_a_take_corrects_its_cameras(tmp_path: Path) -> None:
     report = refine(film(tmp_path / "take", 14, wrong), tmp_path / "out")
     assert report["corrected"] is True
     corrected = read_calibration(tmp_path / "out" / "calibration.toml")
-    before, after = (scenes.pixels_apart(rig, EXACT, person(0)) for rig in (wrong, corrected))
+    before, after = (scenes.pixels_apart(rig, EXACT, scenes.limbs(0)) for rig in (wrong, corrected))
     assert after < 0.7 * before
     cameras = report["cameras"]
     assert isinstance(cameras, dict) and set(cameras) == set(EXACT.names)
@@ -57,7 +43,7 @@ def test_sound_cameras_are_kept(tmp_path: Path) -> None:
     report = refine(film(tmp_path / "take", 12), tmp_path / "out")
     assert report["corrected"] is False
     kept = read_calibration(tmp_path / "out" / "calibration.toml")
-    assert scenes.pixels_apart(kept, EXACT, person(0)) < 1e-3
+    assert scenes.pixels_apart(kept, EXACT, scenes.limbs(0)) < 1e-3
     assert "are kept" in str(report["verdict"])
 
 

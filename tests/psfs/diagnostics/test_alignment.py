@@ -19,24 +19,6 @@ EXACT = scenes.ring(5, (640, 480), 4.0)
 OFFSETS = np.array([0.4, -0.3, 0.0, 0.2, -0.3])
 
 
-def limbs(frame: float) -> np.ndarray:
-    """Points (N, 3) m of a body with arms, which turns and moves them."""
-    random = np.random.default_rng(0)
-    turn, swing = 0.1 * frame, np.sin(0.3 * frame)
-    parts = [
-        ([0, 0, 0.9], [0.15, 0.1, 0.6]),
-        ([0, 0, 1.6], [0.1, 0.1, 0.15]),
-        ([0.35, 0.1, 1.2 + 0.3 * swing], [0.25, 0.05, 0.05]),
-        ([-0.35, 0.0, 1.2 - 0.3 * swing], [0.25, 0.05, 0.05]),
-        ([0.1, 0.25 * swing, 0.3], [0.06, 0.06, 0.3]),
-        ([-0.1, -0.25 * swing, 0.3], [0.06, 0.06, 0.3]),
-    ]
-    points = np.concatenate([np.array(m) + random.uniform(-1, 1, (400, 3)) * s for m, s in parts])
-    c, s = np.cos(turn), np.sin(turn)
-    about: np.ndarray = points @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]])
-    return about + np.array([0.2 * np.sin(0.05 * frame), 0.2 * np.cos(0.07 * frame), 0])
-
-
 def outlines_of(
     rig: CameraRig, n: int = 40, offsets: np.ndarray | None = None
 ) -> list[list[Outline | None]]:
@@ -44,7 +26,7 @@ def outlines_of(
     late = np.zeros(len(rig)) if offsets is None else offsets
     return [
         [
-            extract_outline(scenes.draw_points(camera, limbs(frame + own), 9) > 0)
+            extract_outline(scenes.draw_points(camera, scenes.limbs(frame + own), 9) > 0)
             for camera, own in zip(rig, late, strict=True)
         ]
         for frame in range(n)
@@ -75,7 +57,7 @@ def test_a_rig_that_is_off_is_corrected_and_its_times_found(
     found = RigFit(rig, outlines).align(rig)
     assert found is not None and found.is_accepted()
     # What is left is a motion of the whole scene, which silhouettes cannot tell.
-    before, after = (scenes.pixels_apart(one, EXACT, limbs(0)) for one in (rig, found.rig))
+    before, after = (scenes.pixels_apart(one, EXACT, scenes.limbs(0)) for one in (rig, found.rig))
     assert after < 0.5 * before
     assert found.after < 0.4 * found.before
     np.testing.assert_allclose(found.corrections.offsets, OFFSETS - OFFSETS.mean(), atol=0.025)
@@ -87,7 +69,7 @@ def test_a_rig_that_is_off_is_corrected_and_its_times_found(
 def test_an_exact_rig_stays(outlines: list[list[Outline | None]]) -> None:
     found = RigFit(EXACT, outlines).align(EXACT)
     assert found is not None and not found.is_accepted()
-    assert scenes.pixels_apart(found.rig, EXACT, limbs(0)) < 0.5
+    assert scenes.pixels_apart(found.rig, EXACT, scenes.limbs(0)) < 0.5
 
 
 def test_nothing_is_said_of_two_cameras_or_of_nobody(

@@ -2,7 +2,6 @@
 
 from pathlib import Path
 
-import cv2
 import numpy as np
 from helpers import footage, scenes
 
@@ -18,16 +17,12 @@ LATE, SPEEDS = np.array([0, 0, 3, 0]), np.array([1, 1, 1.008, 1])
 
 
 def film(folder: Path, rig: CameraRig) -> Path:
-    """Write masks of a block that wanders, turns and bobs, as cameras of these clocks show it."""
-    block, views = np.stack(np.meshgrid([-0.3, 0.2], [-0.15, 0.15], [0.1, 1.7]), -1), []
-    for camera, late, speed in zip(rig, LATE, SPEEDS, strict=True):
-        views.append([])
-        for frame in range(FRAMES):
-            time = (frame - late) / speed
-            sway = np.sin(time * np.array([[0.06, 0.11, 0.23], [0.05, 0.13, 0.19]]) + [[0], [2]])
-            moved = block.reshape(-1, 3) @ cv2.Rodrigues(np.array([0, 0, 0.1 * time]))[0].T
-            moved += [*(0.25 * sway.sum(1)), 0.05 * sway[0, 2]]
-            views[-1].append(scenes.draw_hull(camera, moved))
+    """Write masks of a body that wanders, turns and waves, as cameras of these clocks show it."""
+    views = [
+        [scenes.draw_points(camera, scenes.limbs((frame - late) / speed), 5)
+         for frame in range(FRAMES)]
+        for camera, late, speed in zip(rig, LATE, SPEEDS, strict=True)
+    ]  # fmt: skip
     footage.write_take(folder, rig, views)
     (folder / "sequence.toml").write_text("fps = 30\n")
     return folder

@@ -11,7 +11,8 @@ from helpers.commands import fail, succeed
 from helpers.shared import shared_data
 
 from cl import Device, InputError, NumpyDevice
-from psfs.cameras.camera import CameraRig
+from psfs.cameras.camera import Camera, CameraRig
+from psfs.cameras.units import scale_rig
 from psfs.diagnostics.calibration_faults import find_rig_faults
 from psfs.diagnostics.examination import Examination, diagnose
 from psfs.diagnostics.fault import Fault
@@ -170,17 +171,34 @@ def test_sync_auto_is_applied_and_remembered(tmp_path: Path, masks: np.ndarray) 
     assert "late" not in said and "disagrees" not in said
 
 
-def test_a_unit_wrong_by_a_power_of_ten(tmp_path: Path, masks: np.ndarray) -> None:
-    large = CameraRig(tuple(replace(camera, t=100 * camera.t) for camera in rig()))
-    folder = write(tmp_path / "a", masks, large)
-    (fault,) = faults(folder)
-    assert fault.kind == "unit" and "--unit cm" in str(fault)
+def instead(camera: Camera) -> CameraRig:
+    """Return the rig with another camera of the same name."""
+    return CameraRig(tuple(camera if camera.name == c.name else c for c in rig()))
+
+
+def test_centimetres_are_named_by_the_commands(tmp_path: Path, masks: np.ndarray) -> None:
+    folder = write(tmp_path / "a", masks, scale_rig(rig(), 100))
     assert "--unit cm" in fail("apf", "track", folder, "-o", tmp_path / "out")
     assert not (tmp_path / "out").exists()
-    inches = CameraRig(tuple(replace(camera, t=camera.t / 0.0254) for camera in rig()))
-    (fault,) = faults(write(tmp_path / "b", masks, inches))
-    assert "it looks like inches: --unit 0.0254" in str(fault)
     assert faults(folder, unit="cm") == [] and faults(folder, subject="object") == []
+
+
+INVERSE = CameraRig(tuple(replace(c, R=c.R.T, t=-c.R.T @ c.t) for c in rig()))
+#: Rigs that are not those of the masks, and the fault that is named.
+WRONG_RIGS = {
+    "centimetres": (scale_rig(rig(), 100), "unit", (), "--unit cm"),
+    "inches": (scale_rig(rig(), 1 / 0.0254), "unit", (), "it looks like inches: --unit 0.0254"),
+    "mm": (instead(replace(rig()[2], t=1000 * rig()[2].t)), "calibration", ("c2",), "c2 stan"),
+    "camera to world": (INVERSE, "convention", (), "camera to the world"),
+    "turned": (instead(scenes.turned(rig()[3], [0.02, 0.06, 0])), "disagrees", ("c3",), "3.6 deg"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", WRONG_RIGS)
+def test_wrong_calibrations(tmp_path: Path, masks: np.ndarray, name: str) -> None:
+    wrong, kind, cameras, said = WRONG_RIGS[name]
+    (fault,) = faults(write(tmp_path / "a", masks, wrong))
+    assert (fault.kind, fault.cameras) == (kind, cameras) and said in str(fault)
 
 
 def test_leaving_a_camera_out_keeps_the_match_by_order(tmp_path: Path, masks: np.ndarray) -> None:
@@ -230,39 +248,24 @@ def test_masks_of_other_values(tmp_path: Path, masks: np.ndarray) -> None:
     assert all("black and white exchanged" in fault.text for fault in inverted)
 
 
-def test_a_camera_in_another_unit(tmp_path: Path, masks: np.ndarray) -> None:
-    cameras = list(rig())
-    cameras[2] = replace(cameras[2], t=1000 * cameras[2].t)
-    (fault,) = faults(write(tmp_path / "a", masks, CameraRig(tuple(cameras))))
-    assert fault.kind == "calibration" and "camera c2 stands" in str(fault)
-    cameras[2] = replace(rig()[2], K=np.array([[6.0, 0, 80], [0, 6, 60], [0, 0, 1]]))
-    (fault,) = find_rig_faults(CameraRig(tuple(cameras)))
-    assert fault.kind == "calibration" and "expected pixels, not mm" in str(fault)
-
-
 def test_lenses_that_form_no_picture() -> None:
-    """Coefficients of another unit fold the picture or squeeze it; pixels are no long strips."""
-    whole = rig()
-    assert [*find_rig_faults(whole)] == []
+    """Coefficients of another unit fold the picture or squeeze it; pixels are no long strips, and
+    no millimetres."""
+    assert [*find_rig_faults(rig())] == []
     usual = np.array([-0.3, 0.1, 1e-3, -1e-3, 0.02])  # a wide lens
-    for distortion, expected in (
-        (usual, []),
-        (-5 * np.eye(5)[0], ["calibration"]),
-        (1e5 * np.eye(5)[0], ["calibration"]),
-    ):
-        cameras = (replace(whole[0], distortion=distortion), *list(whole)[1:])
-        assert [fault.kind for fault in find_rig_faults(CameraRig(cameras))] == expected
-    strips, skewed = whole[0].K * np.array([[1.0], [10.0], [1.0]]), whole[0].K.copy()
+    assert [*find_rig_faults(instead(replace(rig()[0], distortion=usual)))] == []
+    strips, skewed = rig()[0].K * np.array([[1.0], [10.0], [1.0]]), rig()[0].K.copy()
     skewed[0, 1] = 1e5
-    for K in (strips, skewed):
-        (fault,) = find_rig_faults(CameraRig((replace(whole[0], K=K), *list(whole)[1:])))
-        assert fault.kind == "calibration" and "about the same along both sides" in str(fault)
-
-
-def test_a_calibration_of_camera_to_world(tmp_path: Path, masks: np.ndarray) -> None:
-    inverse = CameraRig(tuple(replace(c, R=c.R.T, t=-c.R.T @ c.t) for c in rig()))
-    (fault,) = faults(write(tmp_path / "a", masks, inverse))
-    assert fault.kind == "convention" and "camera to the world" in str(fault)
+    in_mm = np.array([[6.0, 0, 80], [0, 6, 60], [0, 0, 1]])
+    for changes, said in (
+        ({"distortion": -5 * np.eye(5)[0]}, ""),
+        ({"distortion": 1e5 * np.eye(5)[0]}, ""),
+        ({"K": strips}, "about the same along both sides"),
+        ({"K": skewed}, "about the same along both sides"),
+        ({"K": in_mm}, "expected pixels, not mm"),
+    ):
+        (fault,) = find_rig_faults(instead(replace(rig()[0], **changes)))
+        assert fault.kind == "calibration" and said in str(fault)
 
 
 def test_poor_silhouettes_are_told_from_a_calibration(tmp_path: Path, masks: np.ndarray) -> None:
@@ -281,15 +284,6 @@ def test_poor_silhouettes_are_told_from_a_calibration(tmp_path: Path, masks: np.
     assert "the calibration is not of these pictures" in said
     picture = cv2.imread(str(sheet))
     assert picture is not None and picture.shape == (5 * 122, 6 * 162, 3)
-
-
-def test_a_turned_camera(tmp_path: Path, masks: np.ndarray) -> None:
-    turn = cv2.Rodrigues(np.array([0.02, 0.06, 0.0]))[0]
-    cameras = list(rig())
-    cameras[3] = replace(cameras[3], R=turn @ cameras[3].R, t=turn @ cameras[3].t)
-    (fault,) = faults(write(tmp_path / "a", masks, CameraRig(tuple(cameras))))
-    assert fault.kind == "disagrees" and fault.cameras == ("c3",)
-    assert "3.6 degrees" in str(fault)
 
 
 def test_untouched_recordings_have_no_faults(device) -> None:

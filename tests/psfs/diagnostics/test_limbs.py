@@ -18,13 +18,8 @@ LAGS = np.array([0.0, 1.4, -0.7, 0.0])
 PERSON = np.array([0, 0, 1.2]), 1.7
 
 
-def place(azimuth, height):
-    """A camera 3 m from the middle."""
-    centre = np.array([3 * np.cos(azimuth), 3 * np.sin(azimuth), height])
-    return scenes.pinhole(f"{azimuth}", centre, [0, 0, 1.2], (640, 480), 500.0)
-
-
-CAMERAS = [place(0.2, 1.3), place(1.6, 2.2), place(3.4, 1.7), place(4.9, 2.4)]
+PLACES = [(0.2, 3, 1.3), (1.6, 3, 2.2), (3.4, 3, 1.7), (4.9, 3, 2.4)]
+CAMERAS = scenes.pinholes(PLACES, [0, 0, 1.2], (640, 480), 500.0)
 
 
 def outline(camera, time, radius, wider):

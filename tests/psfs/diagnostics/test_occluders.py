@@ -15,15 +15,9 @@ CONFIRMS, DENIES = 19, -127
 
 def walking(rig: CameraRig, n: int = 7) -> list[np.ndarray]:
     """Evidence maps (V, H, W) of the test body on its way."""
-    points = scenes.solid_points()
-    frames = []
-    for shift in np.linspace(-0.3, 0.3, n):
-        maps = np.full((len(rig), rig.height, rig.width), DENIES, np.int8)
-        for view, camera in enumerate(rig):
-            _, row, column, _ = camera.look_up(points + np.array([shift, 0.5 * shift, 0]))
-            maps[view, row, column] = CONFIRMS
-        frames.append(maps)
-    return frames
+    shifts = np.linspace(-0.3, 0.3, n)[:, None] * [1, 0.5, 0]
+    shown = [scenes.masks_of(rig, shift) > 0 for shift in shifts]
+    return [np.where(masks, CONFIRMS, DENIES).astype(np.int8) for masks in shown]
 
 
 def behind(frames: list[np.ndarray], table: np.ndarray, view: int) -> list[np.ndarray]:

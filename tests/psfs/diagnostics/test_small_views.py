@@ -31,20 +31,15 @@ def test_an_outline_is_the_hull_of_the_largest_part(speck: tuple[int, int]) -> N
     assert not found.at_border.any()
 
 
-def test_an_outline_on_the_border_says_so() -> None:
-    mask = np.zeros((40, 50), bool)
-    mask[10:30, :20] = True
-    found = extract_outline(mask)
-    assert found is not None
-    np.testing.assert_array_equal(found.at_border, found.points[:, 0] == 0)
-    assert found.at_border.any()
-
-
-def test_nobody_has_no_outline() -> None:
+def test_outlines_on_the_border_and_of_nobody() -> None:
     mask = np.zeros((40, 50), bool)
     assert extract_outline(mask) is None
     mask[3:8, 3:8] = True  # fewer pixels than count
     assert extract_outline(mask) is None
+    mask[10:30, :20] = True
+    found = extract_outline(mask)
+    assert found is not None and found.at_border.any()
+    np.testing.assert_array_equal(found.at_border, found.points[:, 0] == 0)
 
 
 def test_evidence_of_one_frame_ahead(device: Device) -> None:

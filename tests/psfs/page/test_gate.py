@@ -33,30 +33,29 @@ def status(port: int, path: str, **headers: str) -> int:
     return connection.getresponse().status
 
 
-def test_page_needs_the_token(served: tuple[int, Gate]) -> None:
-    port, gate = served
-    assert status(port, f"/{gate.token}/") == 200
-    for path in (
-        "/",
-        "/index.html",
-        f"/{gate.token[:-1]}/",
-        f"/x/{gate.token}/",
-        f"/?{gate.token}",
-    ):
-        assert status(port, path) == 403
-    assert status(port, "/", Upgrade="websocket") == 403
-
-
-def test_nothing_beside_the_page_is_read(served: tuple[int, Gate]) -> None:
-    port, gate = served
-    for path in ("../../_viser.py", "%2e%2e/%2e%2e/_viser.py", "//etc/passwd"):
-        assert status(port, f"/{gate.token}/{path}") == 404
-
-
-def test_another_sites_name_is_refused(served: tuple[int, Gate]) -> None:
-    port, gate = served
-    assert status(port, f"/{gate.token}/", Host=f"evil.example:{port}") == 403
-    assert status(port, f"/{gate.token}/", Host=f"localhost:{port}") == 200
+@pytest.mark.parametrize(
+    ("path", "headers", "expected"),
+    [
+        ("/{token}/", {}, 200),
+        ("/", {}, 403),
+        ("/index.html", {}, 403),
+        ("/{token:.30}/", {}, 403),
+        ("/x/{token}/", {}, 403),
+        ("/?{token}", {}, 403),
+        ("/", {"Upgrade": "websocket"}, 403),
+        ("/{token}/", {"Host": "evil.example:{port}"}, 403),  # another site's name
+        ("/{token}/", {"Host": "localhost:{port}"}, 200),
+        ("/{token}/../../_viser.py", {}, 404),  # nothing beside the page
+        ("/{token}/%2e%2e/%2e%2e/_viser.py", {}, 404),
+        ("/{token}///etc/passwd", {}, 404),
+    ],
+)
+def test_page_needs_the_token(
+    served: tuple[int, Gate], path: str, headers: dict[str, str], expected: int
+) -> None:
+    known = {"port": served[0], "token": served[1].token}
+    stated = {name: value.format(**known) for name, value in headers.items()}
+    assert status(served[0], path.format(**known), **stated) == expected
 
 
 def test_websocket_needs_the_token(served: tuple[int, Gate]) -> None:

@@ -1,5 +1,6 @@
 """People keep their identity from frame to frame, in coarse voxels."""
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -112,20 +113,22 @@ def test_a_body_torn_in_two_is_one_person() -> None:
     assert len(found[0].voxels) == 8
 
 
-def test_a_low_thing_is_followed_but_no_person() -> None:
-    frames = [frame(n, column(0.05 * n, 0), column(1.2, 1.2, 0, 0.5)) for n in range(8)]
-    found = follow(frames, GRID, FPS)
-    assert len(found) == 2
-    largest = max(count_voxels(one) for one in found)
-    assert [is_person(one, GRID, largest) for one in found].count(True) == 1
+LYING = np.any([column(1.2, y, high=0.5) for y in (-0.4, 0, 0.4)], axis=0)
 
 
-def test_who_lies_down_is_a_person() -> None:
-    lying = np.any([column(1.2, y, high=0.5) for y in (-0.4, 0, 0.4)], axis=0)
-    frames = [frame(n, column(0, 0), column(1.2, 0) if n < 3 else lying) for n in range(9)]
-    found = follow(frames, GRID, FPS)
+@pytest.mark.parametrize(
+    ("other", "person"),
+    [
+        (lambda n: column(1.2, 1.2, high=0.5), False),  # low
+        (lambda n: column(1.2, 0) if n < 3 else LYING, True),  # lies down
+        (lambda n: column(0.6, 0, high=1.0), False),  # a trolley beside somebody all the time
+    ],
+)
+def test_what_moves_is_a_person_or_not(other: Callable[[int], np.ndarray], person: bool) -> None:
+    found = follow([frame(n, column(0, 0), other(n)) for n in range(9)], GRID, FPS)
     largest = max(count_voxels(one) for one in found)
-    assert [is_person(one, GRID, largest) for one in found] == [True, True]
+    assert [is_person(one, GRID, largest) for one in found] == [True, person]
+    assert [is_tall(one, GRID) for one in found] == [True, person]
 
 
 def test_a_child_beside_a_tall_man_is_a_person() -> None:
@@ -135,13 +138,6 @@ def test_a_child_beside_a_tall_man_is_a_person() -> None:
         True,
         False,
     ]
-
-
-def test_a_trolley_is_no_person_though_it_stands_beside_somebody_all_the_time() -> None:
-    frames = [frame(n, column(0, 0), column(0.6, 0, high=1.0)) for n in range(6)]
-    person, trolley = follow(frames, GRID, FPS)
-    assert is_tall(person, GRID) and not is_tall(trolley, GRID)
-    assert not is_person(trolley, GRID, count_voxels(person))
 
 
 def test_nobody_begins_in_a_ghost() -> None:

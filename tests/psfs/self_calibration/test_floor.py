@@ -10,14 +10,8 @@ from psfs.diagnostics.frontier import SilhouetteContours
 from psfs.diagnostics.small_views import extract_outline
 from psfs.self_calibration.world import fit_floor, measure_floor
 
-
-def make_rig():
-    cameras = []
-    for k in range(4):
-        forward = np.array([-np.cos(1.6 * k), -np.sin(1.6 * k), -0.3 - 0.05 * k])
-        centre = np.array([0, 0, 0.5]) - 4 * forward / np.linalg.norm(forward)
-        cameras.append(scenes.pinhole(f"c{k}", centre, [0, 0, 0.5], (640, 480), 420.0))
-    return CameraRig(tuple(cameras))
+PLACES = [(1.6 * k, 3.8, 1.65 + 0.18 * k) for k in range(4)]
+RIG = CameraRig(tuple(scenes.pinholes(PLACES, [0, 0, 0.5], (640, 480), 420.0)))
 
 
 def draw(camera, x, shadow):
@@ -42,14 +36,14 @@ def draw(camera, x, shadow):
 @pytest.mark.parametrize("shadow", [False, True])
 @pytest.mark.parametrize("height", [0.06, -0.1])
 def test_the_floor_is_found_with_and_without_a_shadow(shadow, height):
-    rig, places = make_rig(), np.array([[-0.3, 0], [0.2, 0]])
+    places = np.array([[-0.3, 0], [0.2, 0]])
     contours = [
         SilhouetteContours([extract_outline(draw(camera, x, shadow)) for x, _ in places])
-        for camera in rig
+        for camera in RIG
     ]
     moved = [
         Camera(c.name, c.K, c.distortion, c.R, c.t - c.R @ np.array([0, 0, height]), c.size)
-        for c in rig
+        for c in RIG
     ]
     frames, shifts = np.array([5, 6]), np.full(4, -5)
     found = measure_floor(CameraRig(tuple(moved)), contours, shifts, frames, places)
@@ -59,7 +53,7 @@ def test_the_floor_is_found_with_and_without_a_shadow(shadow, height):
 def test_nobody_tells_no_floor():
     contours = [SilhouetteContours([None])] * 4
     zeros = np.zeros(4, int)
-    assert measure_floor(make_rig(), contours, zeros, zeros[:1], np.zeros((1, 2))) == 0
+    assert measure_floor(RIG, contours, zeros, zeros[:1], np.zeros((1, 2))) == 0
 
 
 def test_hands_that_are_lowest_do_not_tilt_the_floor():

@@ -26,30 +26,30 @@ def make_rig():
     return CameraRig(tuple(cameras))
 
 
-def make_edges(rig, rng, vertical):
-    """Each camera's edges, 0.4 px wrong: 30 in any direction, `vertical` upright ones."""
+def make_edges(rig, rng, directions=(), each=10, others=30):
+    """Each camera's edges, 0.2 px wrong: `each` along the directions, and others in any."""
     found = []
     for camera in rig:
-        along = rng.normal(size=(30 + vertical, 3))
-        along[:vertical] = [0, 0, 1]
-        along *= 0.3 / np.linalg.norm(along, axis=1, keepdims=True)
-        middles = rng.uniform([-1.2, -1.2, 0.5], [1.2, 1.2, 1.8], (len(along), 3))
+        along = np.repeat(np.reshape(directions, (-1, 3)), each, axis=0)
+        along = np.concatenate([along, rng.normal(size=(others, 3))])
+        along *= 0.5 / np.linalg.norm(along, axis=1, keepdims=True)
+        middles = rng.uniform([-1.2, -1.2, 0], [1.2, 1.2, 2], (len(along), 3))
         ends = camera.project(np.stack([middles - along, middles + along], 1))[0]
-        found.append(ends + rng.normal(0, 0.4, ends.shape))
+        found.append(ends + rng.normal(0, 0.2, ends.shape))
     return found
 
 
 def test_upright_edges_of_all_cameras_tell_up():
     rig, rng = make_rig(), np.random.default_rng(1)
-    up = fit_vertical(rig, make_edges(rig, rng, 8), LEAN)
+    up = fit_vertical(rig, make_edges(rig, rng, [0, 0, 1], 8), LEAN)
     assert np.degrees(np.arccos(up[2])) < 0.5
 
 
 def test_edges_in_any_direction_tell_nothing():
     rig, rng = make_rig(), np.random.default_rng(2)
-    assert fit_vertical(rig, make_edges(rig, rng, 0), LEAN) is None
+    assert fit_vertical(rig, make_edges(rig, rng), LEAN) is None
     assert fit_vertical(rig, [np.zeros((0, 2, 2))] * 3, LEAN) is None
-    assert find_room_edges(rig, make_edges(rig, rng, 0), LEAN) is None
+    assert find_room_edges(rig, make_edges(rig, rng), LEAN) is None
 
 
 def test_edges_of_a_picture_are_found_to_a_fraction_of_a_pixel():
@@ -59,17 +59,6 @@ def test_edges_of_a_picture_are_found_to_a_fraction_of_a_pixel():
     upright = edges[np.abs(edges[:, 0, 0] - edges[:, 1, 0]) < 1]
     assert len(edges) == 4 and len(upright) == 2
     np.testing.assert_allclose(np.sort(upright[..., 0].mean(axis=1)), [100, 161], atol=1)
-
-
-def make_room(rig, rng, directions):
-    """Each camera's edges, 0.2 px wrong: ten along each direction and twenty in any."""
-    found = []
-    for camera, clutter in zip(rig, make_edges(rig, rng, 0), strict=True):
-        along = 0.5 * np.repeat(directions, 10, axis=0)
-        middles = rng.uniform([-1.2, -1.2, 0], [1.2, 1.2, 2], (len(along), 3))
-        ends = camera.project(np.stack([middles - along, middles + along], 1))[0]
-        found.append(np.concatenate([ends + rng.normal(0, 0.2, ends.shape), clutter[:20]]))
-    return found
 
 
 def turn_cameras(rig, rng):
@@ -97,7 +86,7 @@ def test_walls_that_do_not_stand_square_tell_all_rotations():
     rig, rng = make_rig(), np.random.default_rng(1)
     walls = np.radians([20.0, 95.0])
     directions = [[0, 0, 1.0], *np.column_stack([np.cos(walls), np.sin(walls), [0, 0]])]
-    edges = make_room(rig, rng, directions)
+    edges = make_edges(rig, rng, directions, others=20)
     turned = turn_cameras(rig, rng)
     room = find_room_edges(turned, edges, LEAN)
     before, after = (
@@ -109,7 +98,7 @@ def test_walls_that_do_not_stand_square_tell_all_rotations():
 
 def test_edges_tell_a_focal_length():
     rig, rng = make_rig(), np.random.default_rng(4)
-    edges = make_room(rig, rng, np.eye(3))
+    edges = make_edges(rig, rng, np.eye(3), others=20)
     longer = np.zeros(8)
     longer[6] = 0.06
     cameras = CameraRig((*rig.cameras[:2], correct_camera(rig[2], longer)))

@@ -14,8 +14,9 @@ from psfs.cameras.rig_geometry import CELL, cells
 from psfs.reference.appearance import NumpyForeground
 from psfs.reference.light import apply_light
 from psfs.reference.silhouette import (
-    background_ratio,
-    box_sums,
+    _log_ratios,
+    _sum_evidence,
+    _to_counts,
     expand_cells,
     find_near_foreground,
     floor_light,
@@ -61,20 +62,6 @@ def in_light_of(launch: Traced, background: Background) -> Background:
     return apply_light(background, launch.before["light"].astype(float), CONFIG.background)
 
 
-def in_counts(nats: np.ndarray) -> np.ndarray:
-    lowest, highest = CONFIG.evidence.ratio_range
-    return np.floor(np.clip(CONFIG.evidence.ratio_steps * nats, lowest, highest) + 0.5).astype(int)
-
-
-def evidence_of(ratios: np.ndarray, rig: CameraRig) -> np.ndarray:
-    """(V, H, W) counts from log ratios (V, H + 2, W + 2) that have a border."""
-    counts = np.where(picture_masks(rig), ratios[:, 1:-1, 1:-1], 0).astype(int)
-    table = CONFIG.evidence.ratio_counts()
-    return np.where(
-        picture_masks(rig), table[box_sums(counts) - 9 * CONFIG.evidence.ratio_range[0]], 0
-    )
-
-
 @pytest.mark.parity("reconstruction/floor_light.floor_light")
 def test_light_on_the_floor(device: Device, shaded: Shaded) -> None:
     rig, background, images = shaded
@@ -98,11 +85,10 @@ def test_log_ratios(device: Device, shaded: Shaded) -> None:
     rig, background, images = shaded
     launch = launch_of(device, "silhouette.log_ratio", *shaded)
     lit, ratios = in_light_of(launch, background), launch.after["ratios"]
-    widths = CONFIG.background.shadow_width(background.mean)
-    floor = floor_light(images, rig, lit, CONFIG)
-    seen = zip(images, lit.mean, lit.std, floor, widths, strict=True)
-    expected = [background_ratio(*view[:3], CONFIG, *view[3:]) for view in seen]
-    wrong = np.abs(ratios[:, 1:-1, 1:-1] - in_counts(np.stack(expected)))[picture_masks(rig)]
+    expected = CONFIG.evidence.ratio_steps * np.stack(
+        _log_ratios(images, rig, background, lit, CONFIG)
+    )
+    wrong = np.abs(ratios[:, 1:-1, 1:-1] - _to_counts(expected, CONFIG))[picture_masks(rig)]
     # Half a count may round either way; the light of a cell differs as above.
     assert (wrong > 1).mean() < 2e-3 and (wrong > 0).mean() < 0.02
     assert not ratios[:, [0, -1]].any() and not ratios[..., [0, -1]].any()
@@ -111,7 +97,9 @@ def test_log_ratios(device: Device, shaded: Shaded) -> None:
 @pytest.mark.parity("reconstruction/silhouette.silhouette")
 def test_sums_of_ratios(device: Device, shaded: Shaded) -> None:
     launch = launch_of(device, "silhouette.silhouette", *shaded)
-    expected = evidence_of(launch.before["ratios"], shaded[0])
+    inside = picture_masks(shaded[0])
+    ratios = np.where(inside, launch.before["ratios"][:, 1:-1, 1:-1], 0).astype(int)
+    expected = _sum_evidence(ratios, inside, CONFIG)
     np.testing.assert_array_equal(launch.after["evidence"], expected)
 
 
@@ -121,7 +109,8 @@ def test_ratios_of_mixed_pixels(device: Device, shaded: Shaded) -> None:
     launch = launch_of(device, "silhouette.rim", *shaded)
     background = in_light_of(launch, background)
     seen = zip(images, background.mean, background.std, launch.before["evidence"], strict=True)
-    mixed = in_counts(np.stack([mixed_ratio(*view, CONFIG) for view in seen]))
+    nats = np.stack([mixed_ratio(*view, CONFIG) for view in seen])
+    mixed = _to_counts(CONFIG.evidence.ratio_steps * nats, CONFIG)
     before, after = (which["ratios"][:, 1:-1, 1:-1] for which in (launch.before, launch.after))
     wrong = np.abs(after - np.maximum(before, mixed))[picture_masks(rig)]
     assert wrong.max() <= 1 and (wrong > 0).mean() < 5e-3  # half a count

@@ -12,7 +12,7 @@ from cl import Device, InputError, NumpyDevice
 from psfs.backend import make_reconstructor
 from psfs.cameras.rig_geometry import CELL, cell_rays
 from psfs.common.cones import cone_distances, ray_cone_distances
-from psfs.opening import check_body, share_on_silhouettes
+from psfs.opening import share_on_silhouettes
 from psfs.reference.reconstructor import body_evidence, body_location
 from psfs.reference.surface import occupancy, smooth
 from psfs.sequence import Frame
@@ -154,14 +154,6 @@ def test_share_of_the_axes_on_silhouettes() -> None:
     beside = CONES[:2] + np.eye(16)[0] * 1.0 + np.eye(16)[4] * 1.0
     assert share_on_silhouettes(RIG, evidence, beside) < 0.2
     assert np.isnan(share_on_silhouettes(RIG, evidence, CONES[3:]))
-
-
-def test_tracks_of_nobody_or_other_frames() -> None:
-    class Taken:
-        frames = range(3, 8)
-
-    with pytest.raises(InputError, match=r"track.npz: lacks the frames 5-6; expected a track of"):
-        check_body(Taken(), BODY)  # type: ignore[arg-type]
 
 
 def test_several_people_are_one_prior(tmp_path: Path) -> None:

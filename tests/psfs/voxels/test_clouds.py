@@ -7,7 +7,6 @@ import pytest
 import trimesh
 from helpers import scenes
 
-from psfs.mesh.preview import load_open3d
 from psfs.reference.surface import surface_voxels
 from psfs.voxels.clouds import (
     coarsen,
@@ -52,16 +51,6 @@ def test_round_trip(tmp_path: Path, colour: bool) -> None:
         np.testing.assert_array_equal(points.colors[:, :3], cloud.colour)
 
 
-def test_open3d_reads_our_ply(tmp_path: Path) -> None:
-    """All of it, also the probability, which is a property of our own."""
-    cloud = a_cloud(colour=True)
-    write_cloud(cloud, tmp_path / "cloud")
-    read = load_open3d().t.io.read_point_cloud(str(tmp_path / "cloud.ply")).point
-    np.testing.assert_array_equal(read.positions.numpy(), cloud.centres.astype(np.float32))
-    np.testing.assert_array_equal(read.probability.numpy()[:, 0], cloud.probability)
-    np.testing.assert_array_equal(read.colors.numpy(), cloud.colour)
-
-
 def test_an_empty_cloud_is_written_and_read(tmp_path: Path) -> None:
     cloud = VoxelCloud(scenes.small_grid(), np.zeros(0, np.int32), np.zeros(0, np.float32))
     write_cloud(remove_debris(cloud), tmp_path / "empty")
@@ -95,18 +84,15 @@ def surface_of(occupied: np.ndarray) -> VoxelCloud:
     return VoxelCloud(GRID, indices, np.ones(len(indices), np.float32))
 
 
-def test_normals_of_a_ball_point_outwards() -> None:
-    cloud = surface_of(np.linalg.norm(GRID.centres(), axis=1) < 0.3)
+def test_normals_of_balls_point_outwards() -> None:
+    centres = GRID.centres()
+    cloud = surface_of(np.linalg.norm(centres, axis=1) < 0.3)
     outwards = cloud.centres / np.linalg.norm(cloud.centres, axis=1, keepdims=True)
     normals = estimate_normals(cloud)
     np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1, atol=1e-5)
     degrees = np.degrees(np.arccos(np.clip((normals * outwards).sum(1), -1, 1)))
     assert degrees.mean() < 2 and degrees.max() < 5
-
-
-def test_of_two_bodies_each_has_its_own() -> None:
-    centres = GRID.centres()
-    balls = [np.linalg.norm(centres - [x, 0, 0], axis=1) < 0.15 for x in (-0.25, 0.25)]
-    cloud = surface_of(balls[0] | balls[1])
-    middle = np.where(cloud.centres[:, :1] < 0, [[-0.25, 0, 0]], [[0.25, 0, 0]])
-    assert ((cloud.centres - middle) * estimate_normals(cloud)).sum(1).min() > 0.1
+    beside = np.linalg.norm(np.abs(centres) - [0.25, 0, 0], axis=1) < 0.15  # each has its own
+    two = surface_of(beside)
+    middle = np.sign(two.centres[:, :1]) * [0.25, 0, 0]
+    assert ((two.centres - middle) * estimate_normals(two)).sum(1).min() > 0.1

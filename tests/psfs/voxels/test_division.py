@@ -16,6 +16,11 @@ from psfs.voxels.division import BANDS, LEVELS, Division, find_bands, weigh_colo
 GRID, CONFIG = scenes.small_grid(), EvidenceConfig()
 
 
+def before(size: tuple[int, int], focal: float) -> CameraRig:
+    """Return a camera at x = 4 m."""
+    return CameraRig((scenes.pinhole("before", [4.0, 0, 0.8], [0.0, 0, 0.8], size, focal),))
+
+
 def crowd(people: int, seed: int = 0) -> np.ndarray:
     """Spheres (P, 9, 4) of people somewhere in the grid; one is behind all cameras, one is none."""
     random = np.random.default_rng(seed)
@@ -60,9 +65,7 @@ def test_each_persons_evidence_equals_the_twins(
 
 
 def test_colours_say_whose_a_pixel_is_where_both_are() -> None:
-    target, size = np.array([0.0, 0.0, 0.8]), (60, 60)
-    camera = scenes.looking_at("before", np.array([4.0, 0.0, 0.8]), target, size, 70)
-    rig = scenes.without_distortion(CameraRig((camera,)))
+    rig = before((60, 60), 70)
     near = np.array([[0.5, 0.0, 0.8, 0.4]])
     spheres = np.stack([near, near - [1, 0, 0, 0]])
     pictures = np.zeros((1, 60, 60, 3), np.uint8)
@@ -94,9 +97,7 @@ def test_each_persons_voxels_equal_the_twins(device: Device) -> None:
 
 
 def test_pixels_of_others_are_background_or_unknown_and_of_two_beside_each_other_shared() -> None:
-    target, size = np.array([0.0, 0.0, 0.8]), (120, 120)
-    camera = scenes.looking_at("before", np.array([4.0, 0.0, 0.8]), target, size, 140)
-    rig = scenes.without_distortion(CameraRig((camera,)))
+    rig = before((120, 120), 140)
     low = np.array([[0.0, 0.0, 0.4, 0.2], [0.0, 0.0, 1.0, 0.2]])
     nearer, aside = low + np.array([1.0, 0, 0, 0]), low + np.array([0, 0.9, 0, 0])
     evidence = np.full((1, 120, 120), 12, np.int8)
@@ -104,7 +105,7 @@ def test_pixels_of_others_are_background_or_unknown_and_of_two_beside_each_other
     own = divide_evidence(rig, evidence, np.stack([low, nearer, aside]), CONFIG)[:, 0]
 
     def at(y: float) -> list[int]:
-        (column, row), _ = camera.project(np.array([[0.0, y, 1.0]]))[0][0], None
+        column, row = rig[0].project(np.array([[0.0, y, 1.0]]))[0][0]
         return own[:, int(row), int(column)].tolist()
 
     none = int(CONFIG.counts(np.zeros(1))[0])
