@@ -158,14 +158,9 @@ def test_a_background_filmed_first(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     cameras.close()
 
 
-def test_bad_captures(tmp_path: Path) -> None:
+def test_captures_of_another_size(tmp_path: Path) -> None:
     folder = footage.native(tmp_path / "s", frames=2)
     videos = [str(path) for path in sorted((folder / "videos").iterdir())]
     footage.write_video(tmp_path / "wide.mp4", [1, 2], size=(80, 48))
-    for names, message in (
-        (videos[:2], "2 captures .* expected 3"),
-        ([*videos[:2], "absent.mp4"], "absent.mp4: cannot be opened"),
-        ([*videos[:2], str(tmp_path / "wide.mp4")], "80 x 48 pixels; camera cam03"),
-    ):
-        with pytest.raises(InputError, match=message):
-            open_cameras(folder, {}, names, 0.0).first()
+    with pytest.raises(InputError, match="80 x 48 pixels; camera cam03"):
+        open_cameras(folder, {}, [*videos[:2], str(tmp_path / "wide.mp4")], 0.0).first()

@@ -77,9 +77,6 @@ def test_gaps_and_noise(folder: Path) -> None:
 def test_what_cannot_be_triangulated_is_an_error(folder: Path) -> None:
     sequence = psfs.open_sequence(folder)
     keypoints = Keypoints.open(folder, sequence)
-    other = Keypoints(keypoints.points[:, :, :2], ("tail", "fin"), keypoints.camera_names)
-    with pytest.raises(apf.InputError, match="none of the keypoints tail, fin is a point"):
-        triangulate_track(sequence, other)
     alone = keypoints.points.copy()
     alone[1:] = np.nan
     with pytest.raises(apf.InputError, match="no keypoint of walk is seen by 2 cameras"):
