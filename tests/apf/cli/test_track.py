@@ -116,7 +116,6 @@ def test_a_body_of_frusta_and_a_mesh_of_the_person(walk: Path, tmp_path: Path) -
     assert [look["mesh_file"] for look in looks] == [str(tmp_path / "box.ply"), ""]
     assert [look["vertices_per_part"] for look in looks] == [4, 18]
     for flags, message in (
-        (["--shape", "5"], "--shape is 5; expected 4, 8"),
         (["--shape", "no.ply"], "no.ply: no such file; expected a mesh"),
         (
             ["--shape-pose", "rest.txt"],
