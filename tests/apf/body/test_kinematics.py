@@ -25,6 +25,7 @@ from apf.body.stature import stature
 from apf.body.toml import format_body, load_body, parse_body
 from cl import Device
 
+SONG = load_body("song31")
 BODIES = ["song31", "stick"]
 
 
@@ -159,9 +160,8 @@ def test_distances_to_the_nearest_cone_change_as_stated(name: str) -> None:
 
 
 def test_the_trunk_branches_into_limbs() -> None:
-    body = load_body("song31")
-    masks = [trunk_mask(body), *limb_masks(body)]
-    trunk, *names = [{body.dof_names[d].split(".")[0] for d in np.flatnonzero(m)} for m in masks]
+    masks = [trunk_mask(SONG), *limb_masks(SONG)]
+    trunk, *names = [{SONG.dof_names[d].split(".")[0] for d in np.flatnonzero(m)} for m in masks]
     assert trunk == {"pelvis", "thorax"}
     for side in "lr":
         assert {f"{side}_thigh", f"{side}_calf"} in names
@@ -171,20 +171,19 @@ def test_the_trunk_branches_into_limbs() -> None:
 
 def test_a_limb_reaches_for_places() -> None:
     """Inverse kinematics respects limits, gets as near as possible, and leaves what is in place."""
-    body = load_body("song31")
-    limbs, joints = limb_masks(body), limb_joints(body)
-    poses = np.tile(body.rest_pose, (len(limbs), 1))
-    wanted = np.where(limbs, poses + 0.3, poses).clip(body.lower, body.upper)
-    places = posed_joints(body, wanted)
-    found = solve_inverse_kinematics(body, poses, limbs, joints, places)
-    away = np.linalg.norm(posed_joints(body, found) - places, axis=-1)
+    limbs, joints = limb_masks(SONG), limb_joints(SONG)
+    poses = np.tile(SONG.rest_pose, (len(limbs), 1))
+    wanted = np.where(limbs, poses + 0.3, poses).clip(SONG.lower, SONG.upper)
+    places = posed_joints(SONG, wanted)
+    found = solve_inverse_kinematics(SONG, poses, limbs, joints, places)
+    away = np.linalg.norm(posed_joints(SONG, found) - places, axis=-1)
     assert away[joints].max() < 0.01
     np.testing.assert_array_equal(found[~limbs], poses[~limbs])
     np.testing.assert_array_equal(
-        solve_inverse_kinematics(body, wanted, limbs, joints, places), wanted
+        solve_inverse_kinematics(SONG, wanted, limbs, joints, places), wanted
     )
-    far = solve_inverse_kinematics(body, poses, limbs, joints, places + 9.0)
-    assert np.all((far >= body.lower) & (far <= body.upper)) and np.isfinite(far).all()
+    far = solve_inverse_kinematics(SONG, poses, limbs, joints, places + 9.0)
+    assert np.all((far >= SONG.lower) & (far <= SONG.upper)) and np.isfinite(far).all()
 
 
 @pytest.mark.parametrize("name", ["song31", "song32", "rymut31", "rymut31_lower"])

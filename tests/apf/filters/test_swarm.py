@@ -61,9 +61,9 @@ def moving(frames: int, step: float = 0.5) -> list[np.ndarray]:
     return list(np.clip(SONG.rest_pose + steps.cumsum(0), SONG.lower, SONG.upper))
 
 
-def scene_on(device: Device | NumpyDevice, body: BodyModel = SONG) -> Scene:
+def scene_on(device: Device | NumpyDevice) -> Scene:
     """A scene without voxels."""
-    return Scene(device, scenes.ring(1), None, body)
+    return Scene(device, scenes.ring(1), None, SONG)
 
 
 def run(search: str, device: Device | None, config: FilterConfig, frames: int, *more: object):
@@ -84,7 +84,7 @@ def config_of(search: str, n: int = 65, **settings: object) -> FilterConfig:
 def test_frames_agree_with_the_twin(device: Device, search: str, settings: dict) -> None:
     config = config_of(search).with_changes(**settings)
     for found, expected in zip(
-        run(search, device, config, 3)[0], run(search, None, config, 3)[0], strict=True
+        *(run(search, d, config, 3)[0] for d in (device, None)), strict=True
     ):
         # A choice that rounding decides is rare; it would move the estimate by a share of sigma.
         assert np.all(np.abs(found.pose - expected.pose) <= 0.02 * SONG.sigma)
@@ -105,12 +105,9 @@ def test_moves_agree_with_the_twin(device: Device, n: int) -> None:
     for launch in launches:
         given = launch.before
         poses, bests = given["poses"].astype(float), given["bests"].astype(float)
-        pairs = uniform_pairs(
-            config.search.seed, given["frame"][0], given["iteration"], poses.shape
-        )
-        velocities = np.zeros(poses.shape)
-        if given["iteration"] > 1:
-            velocities += swarm.inertia * given["velocities"]
+        at = given["frame"][0], given["iteration"]
+        pairs = uniform_pairs(config.search.seed, *at, poses.shape)
+        velocities = swarm.inertia * given["velocities"] if given["iteration"] > 1 else 0 * poses
         velocities += swarm.cognitive * pairs[..., 0] * (bests - poses)
         velocities += swarm.social * pairs[..., 1] * (given["result"][: SONG.n_dof] - poses)
         expected = stop_at_limits(SONG, poses + velocities, velocities)
@@ -173,11 +170,9 @@ def test_the_swarm_improves_and_follows(device: Device) -> None:
 def test_limits_hold(device: Device, search: str) -> None:
     """A pose beyond the limits draws the particles to them, and not beyond."""
     config = config_of(search, n_layers=8 if search == "pso" else 1)
-    likelihood = Distance(device, SONG, 65)
-    tracker = SEARCHES[search][0](scene_on(device), likelihood, config)
+    tracker = SEARCHES[search][0](scene_on(device), Distance(device, SONG, 65), config)
     tracker.start(SONG.rest_pose)
-    far = SONG.rest_pose.copy()
-    knee = SONG.dof_names.index("l_calf.ry")
+    knee, far = SONG.dof_names.index("l_calf.ry"), SONG.rest_pose.copy()
     far[knee] = -1.0
     for _ in range(5):
         pose = tracker.step(far).pose
@@ -186,9 +181,8 @@ def test_limits_hold(device: Device, search: str) -> None:
 
 
 def test_a_given_sigma_z(device: Device) -> None:
-    found = run("sir", device, config_of("sir"), 2, SirConfig(sigma_z=0.2))[0]
-    twin = run("sir", None, config_of("sir"), 2, SirConfig(sigma_z=0.2))[0]
-    for a, b in zip(found, twin, strict=True):
+    both = (run("sir", d, config_of("sir"), 2, SirConfig(sigma_z=0.2))[0] for d in (device, None))
+    for a, b in zip(*both, strict=True):
         assert a.beta[0] == pytest.approx(25)
         assert a.ess[0] == pytest.approx(b.ess[0], rel=1e-3)
 
