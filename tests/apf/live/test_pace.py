@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -17,27 +18,19 @@ from apf.live.sources import ACQUISITION
 from apf.live.timeline import Span, Timeline, live_errors
 
 
-def timeline_of(rate: float, n: int = 10) -> Timeline:
-    timeline = Timeline(("tracking",))
-    for number in range(n):
-        timeline.add_result(number, number / rate, number / rate + 0.2)
-    return timeline
-
-
 def test_what_is_to_be_expected() -> None:
     slow = Pace(4.0, 30.0, 0.2, 0.05, 0.5)
-    assert not slow.keeps_up and "about 4.0 poses per second" in str(slow)
-    assert slow.advice.startswith("faster with smaller pictures (--scale 0.25), a smaller search")
+    assert not slow.keeps_up and slow.advice.startswith("faster with smaller pictures (--scale 0.2")
     assert Pace(4.0, 30.0, 0.05, 0.2, 0.5).advice.startswith("faster with a smaller search")
     assert Pace(28.0, 30.0, 0.02, 0.01, 1.0).keeps_up
 
 
 def test_a_lost_person_is_told() -> None:
-    class Lost:
-        lost = True
-
-    result = LiveResult([0, 1], [[Lost()], [Lost()]], [0.1, 0.1], [(0, 96, 10)])  # type: ignore[list-item]
-    assert describe_run(result, timeline_of(8.0, 2)).endswith("LOST")
+    lost, timeline = [SimpleNamespace(lost=True)], Timeline(("tracking",))
+    for number in (0, 1):
+        timeline.add_result(number, number / 8, number / 8 + 0.2)
+    result = LiveResult([0, 1], [lost, lost], [0.1, 0.1], [(0, 96, 10)])  # type: ignore[list-item]
+    assert describe_run(result, timeline).endswith("LOST")
 
 
 def test_errors_of_frames_and_of_when_poses_are_known() -> None:
@@ -84,25 +77,20 @@ def count_evaluations(method: Method) -> int:
 
 
 def test_a_search_of_any_size() -> None:
-    method = Method.create("pso", "sp")
-    for count in (SIZES.fewest, 900, 3000, SIZES.most):
-        chosen = resize_search(method, count)
-        assert abs(count_evaluations(chosen) - count) < 0.15 * count
-        assert 6 <= chosen.filter.search.n_layers <= 15
+    counts = [SIZES.fewest, 900, 3000, SIZES.most]
+    sizes = [resize_search(Method.create("pso", "sp"), count) for count in counts]
+    np.testing.assert_allclose([count_evaluations(size) for size in sizes], counts, rtol=0.15)
+    n_layers = [size.filter.search.n_layers for size in sizes]
+    assert n_layers[0] >= 6 and n_layers[1] < n_layers[2] and n_layers[3] <= 15
     assert resize_search(Method.create("sir", "sp"), 2000).filter.search.n_layers == 1
-    assert (
-        resize_search(method, 3000).filter.search.n_layers
-        > resize_search(method, 900).filter.search.n_layers
-    )
 
 
 def test_sizes_to_choose_from() -> None:
-    counts = [count_evaluations(method) for method in list_sizes(Method())]
+    sizes = list_sizes(Method())
+    counts = [count_evaluations(size) for size in sizes]
     assert counts == sorted(counts)
-    assert counts[0] == pytest.approx(SIZES.fewest, rel=0.1) and counts[-1] == pytest.approx(
-        SIZES.most, 0.1
-    )
-    trunk = [m.filter.search.trunk_layers / m.filter.search.n_layers for m in list_sizes(Method())]
+    np.testing.assert_allclose(counts[:: len(counts) - 1], [SIZES.fewest, SIZES.most], rtol=0.1)
+    trunk = [m.filter.search.trunk_layers / m.filter.search.n_layers for m in sizes]
     assert all(0.25 < share < 0.4 for share in trunk)
 
 
