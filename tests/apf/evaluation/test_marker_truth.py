@@ -109,9 +109,6 @@ def test_a_set_of_one_s_own(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("", r"mine\.toml: holds no \[\[marker\]\]"),
-        ('[[marker]]\nname = "a"\n', "lacks the key marker a, joint"),
-        ('[[marker]]\nname = "a"\njoint = "neck"\nside = 1\n', "marker a, side, which is unknown"),
         ("[[markers]]\n", r"markers; expected \[\[marker\]\] tables"),
         ("stature = 9.0\n", "stature"),
     ],

@@ -3,7 +3,7 @@
 from typing import Any
 
 import numpy as np
-from helpers import scenes
+from helpers import bodies, scenes
 from helpers.keypoints import of_poses
 
 from apf.body.kinematics import posed_joints
@@ -21,9 +21,9 @@ GRID = VoxelGrid.covering(np.array([-1.5, -1.5, 0.0]), np.array([1.5, 1.5, 2.0])
 
 def walker(start: tuple[float, float], step: tuple[float, float], **options: Any) -> np.ndarray:
     """Return the keypoints (V, F, K, 3) of a body that moves on a line."""
-    poses = np.tile(BODY.rest_pose, (FRAMES, 1))
-    for axis in (0, 1):
-        poses[:, axis] += start[axis] + step[axis] * np.arange(FRAMES)
+    x, y = (start[axis] + step[axis] * np.arange(FRAMES) for axis in (0, 1))
+    rest = np.tile(BODY.rest_pose, (FRAMES, 1))
+    poses = bodies.bent(BODY, rest, pelvis__tx=x, pelvis__ty=y)
     return of_poses(RIG, BODY, poses, **options).points.astype(float)
 
 
@@ -101,10 +101,8 @@ def test_nobody_and_at_most_so_many() -> None:
 
 def walk(side: float) -> np.ndarray:
     """Poses (6, D) of somebody who walks along x at y = side."""
-    poses = np.tile(BODY.rest_pose, (6, 1))
-    poses[:, 0] += 0.05 * np.arange(6)
-    poses[:, 1] += side
-    return poses
+    rest = np.tile(BODY.rest_pose, (6, 1))
+    return bodies.bent(BODY, rest, pelvis__tx=0.05 * np.arange(6), pelvis__ty=side)
 
 
 def voxels_of(poses: np.ndarray) -> Person:
