@@ -56,21 +56,15 @@ def test_exact_keypoints_give_the_exact_points(folder: Path) -> None:
     some = triangulate_track(sequence, keypoints, selection=slice(4, 20, 4))
     assert some.frames.tolist() == [4, 8, 12, 16]
     np.testing.assert_array_equal(some.joints, track.joints[4:20:4])
-
-
-def test_gaps_and_noise(folder: Path) -> None:
-    sequence = psfs.open_sequence(folder)
     points = of_poses(sequence.rig, BODY, POSES, noise=0.5, seed=3).points.copy()
     points[1:, 12:18, 5] = np.nan
-    points[:, :, 6] = np.nan
-    keypoints = Keypoints(points, MEDIAPIPE, tuple(sequence.rig.names))
-    raw = triangulate_track(sequence, keypoints)
-    assert np.isfinite(np.delete(raw.joints, 6, 1)).all() and np.isnan(raw.joints[:, 6]).all()
-    holed = triangulate_track(sequence, keypoints, TriangulatedConfig(longest_gap=0.2))
-    assert np.isnan(holed.joints[12:18, 5]).all() and np.isfinite(holed.joints[:12, 5]).all()
-    smooth = triangulate_track(sequence, keypoints, TriangulatedConfig(low_pass=2.0))
-    truth = world_points(BODY, POSES, MEDIAPIPE)
-    errors = [np.nanmean(np.linalg.norm(t.joints - truth, axis=-1)) for t in (raw, smooth)]
+    noisy = Keypoints(points, MEDIAPIPE, tuple(sequence.rig.names))
+    settings = ({}, {"longest_gap": 0.2}, {"low_pass": 2.0})
+    raw, holed, smooth = (
+        triangulate_track(sequence, noisy, TriangulatedConfig(**each)).joints for each in settings
+    )
+    assert np.isfinite(raw).all() and np.isnan(holed[12:18, 5]).all()
+    errors = [np.linalg.norm(joints - track.joints, axis=-1).mean() for joints in (raw, smooth)]
     assert errors[1] < 0.6 * errors[0]
 
 
@@ -113,10 +107,8 @@ def test_command_takes_other_formats_some_cameras_and_several_takes(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     few = ["--no-overlay", "--frames", "0:3"]
-    succeed(*command(folder, tmp_path / "a", *few, "--keypoints", "pose"))
-    succeed(*command(folder, tmp_path / "b", *few, "--keypoints", str(folder / "p*")))
-    a, b = (apf.Track.open(tmp_path / name) for name in "ab")
-    np.testing.assert_array_equal(a.joints, b.joints)
+    succeed(*command(folder, tmp_path / "a", *few, "--keypoints", str(folder / "p*")))
+    assert len(apf.Track.open(tmp_path / "a")) == 3
     np.savez(folder.parent / "order.npz", keypoints=Keypoints.open(folder).points)
     monkeypatch.chdir(folder.parent)
     two = ["--keypoints", "order.npz", "--cameras", "cam01,cam03"]
@@ -125,9 +117,7 @@ def test_command_takes_other_formats_some_cameras_and_several_takes(
     c = apf.Track.open(tmp_path / "c")
     assert c.diagnostics["cameras_used"].max() == 2
     np.testing.assert_allclose(c.joints, world_points(BODY, POSES[:3], MEDIAPIPE), atol=1e-4)
-    other = folder.parent / "other"
-    if not other.exists():
-        other.symlink_to(footage.native(tmp_path / "other", frames=3))
+    footage.native(tmp_path / "other", frames=3)
     flags = ["--method", "triangulate", "--keypoints", "keypoints.npz", *few]
     takes = [str(folder), str(tmp_path / "other")]
     said = run("apf", "track", *takes, "-o", tmp_path / "both", *flags)
