@@ -18,6 +18,7 @@ from apf.initialisation.from_keypoints import (
 )
 from apf.initialisation.start import StartError
 from apf.keypoints.landmarks import locate_points
+from apf.keypoints.readers.orders import MEDIAPIPE
 from apf.likelihood.observations import make_empty_observations
 from cl import InputError
 
@@ -104,19 +105,12 @@ def test_frames_and_keypoints_that_show_nobody() -> None:
 def test_observations_are_those_of_the_frame(clean_start: KeypointStart) -> None:
     seen = clean_start.observations(2)
     assert len(seen) == seen.most == seen.usual == 4 * 33
-    few = clean_start.keypoints.points[:, 2] * np.where(np.arange(4) > 0, np.nan, 1)[:, None, None]
-    assert (
-        clean_start.model.observations(few).few
-        and not seen.few
-        and not make_empty_observations().few
-    )
-    own = locate_points(TEMPLATE, clean_start.keypoints.names)
+    points, own = clean_start.keypoints.points[:, 2], locate_points(TEMPLATE, MEDIAPIPE)
+    few = clean_start.model.observations(points * np.array([1, *[np.nan] * 3])[:, None, None])
+    assert few.few and not seen.few and not make_empty_observations().few
     assert (seen.partner[seen.point == 0] == -1).all() and (seen.bone == own.bones).all()
-    row = seen.point == own.names.index("l_knee")
-    np.testing.assert_allclose(
-        seen.pixel[row],
-        clean_start.keypoints.points[:, 2, own.columns[own.names.index("l_knee")], :2],
-    )
+    knee = own.names.index("l_knee")
+    np.testing.assert_allclose(seen.pixel[seen.point == knee], points[:, own.columns[knee], :2])
 
 
 def test_the_pose_of_one_frame() -> None:

@@ -57,9 +57,8 @@ def test_partial_bodies_are_found_by_themselves() -> None:
     """Of the person's size: kernels are compiled anew for every other one."""
     device, body = Device.best(), load_body(TRACKED)
     scene = Scene(device, scenes.ring(4), GRID, body)
-    pose = walker(0)
-    for dof in ("l_forearm.ry", "r_forearm.ry"):
-        pose[SONG.dof_names.index(dof)] = 1.2  # without legs the front shows by these alone
+    # Without legs the front shows by the forearms alone.
+    pose = bodies.bent(SONG, walker(0), l_forearm__ry=1.2, r_forearm__ry=1.2)
     voxels = [surface_voxels(device, pose)]
     found = find_start(scene, voxels, 0.5, keep_shape=True, config=FAST)
     assert error(body, found.pose, pose) < 0.12

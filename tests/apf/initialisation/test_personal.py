@@ -83,11 +83,13 @@ def test_growths_are_derivatives_of_the_cones() -> None:
     found, moved = shape.growths(measures, poses), shape.move_joints(measures, poses)
     for number in range(0, shape.n_built, 7):
         move = step * np.eye(len(measures))[number]
-        ahead, behind = (posed_joints(shape.body(measures + s * move), poses) for s in (1, -1))
-        np.testing.assert_allclose(moved[number], (ahead - behind) / (2 * step), atol=1e-4)
-        after, before = (posed_cones(shape.body(measures + s * move), poses) for s in (1, -1))
-        expected = (after - before)[..., :8] / (2 * step)
-        np.testing.assert_allclose(found[:, number], expected, atol=1e-4)
+        bodies_moved = [shape.body(measures + sign * move) for sign in (1, -1)]
+        joints, cones = (
+            np.subtract(*(posed(body, poses) for body in bodies_moved)) / (2 * step)
+            for posed in (posed_joints, posed_cones)
+        )
+        np.testing.assert_allclose(moved[number], joints, atol=1e-4)
+        np.testing.assert_allclose(found[:, number], cones[..., :8], atol=1e-4)
 
 
 def test_soles_stay_on_the_floor() -> None:

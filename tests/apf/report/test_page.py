@@ -242,11 +242,7 @@ def test_folders_that_hold_no_track_of_a_body_say_what_they_hold(tmp_path: Path)
     points.save(tmp_path / "points" / "track.npz")
     for command, said in (
         (["export", "seeds"], f"2 runs; expected one, as {tmp_path}"),
-        (["view", "seeds", "--png", "x.png"], f"2 runs; expected one, as {tmp_path}"),
         (["report", "points"], "triangulated points, which are not judged; expected the track of"),
-        (
-            ["view", "points", "--png", "x.png"],
-            "expected another one: triangulated points have none",
-        ),
+        (["view", "points", "--png", "x.png"], "triangulated points have none"),
     ):
         assert said in fail("apf", command[0], str(tmp_path / command[1]), *command[2:])
