@@ -53,7 +53,13 @@ def test_ezc3d_reads_points_units_rate_and_residuals(tmp_path: Path) -> None:
 
 
 def test_c3d_has_events_as_laboratories_write_them(tmp_path: Path) -> None:
+    """At most 255, with more of which it could not be read."""
     events = [C3dEvent("Foot Strike", "Left", 0.25), C3dEvent("Foot Off", "Right", 61.5)]
+    write_c3d(tmp_path / "many.c3d", walk().points, 150 * events)
+    file = ezc3d.c3d(str(tmp_path / "many.c3d"))
+    assert file["parameters"]["EVENT"]["USED"]["value"].tolist() == [255]
+    assert len(file["parameters"]["EVENT"]["LABELS"]["value"]) == 255
+    assert file["data"]["points"].shape[2] == len(walk())
     write_c3d(tmp_path / "a.c3d", walk().points, events)
     group = ezc3d.c3d(str(tmp_path / "a.c3d"))["parameters"]["EVENT"]
     assert group["USED"]["value"].tolist() == [2]
@@ -66,15 +72,6 @@ def test_frames_far_apart(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="too many for a file without times"):
         replace(strider(3), frames=np.array([0, 1, 10**9])).save(tmp_path / "a.c3d")
     assert not list(tmp_path.iterdir())
-
-
-def test_c3d_of_a_long_walk_is_whole(tmp_path: Path) -> None:
-    events = [C3dEvent("Foot Strike", "Left", 0.01 * frame) for frame in range(300)]
-    write_c3d(tmp_path / "a.c3d", walk().points, events)
-    file = ezc3d.c3d(str(tmp_path / "a.c3d"))  # with 256 of them it could not be read
-    assert file["parameters"]["EVENT"]["USED"]["value"].tolist() == [255]
-    assert len(file["parameters"]["EVENT"]["LABELS"]["value"]) == 255
-    assert file["data"]["points"].shape[2] == len(walk())
 
 
 def test_c3d_goes_on_in_a_file_beside_it(tmp_path: Path) -> None:
@@ -120,7 +117,6 @@ def test_trc_has_markers_and_named_axes(tmp_path: Path, axes: str) -> None:
     track.save(tmp_path / "a.trc", axes=axes)
     again = read_trc(tmp_path / "a.trc", axes)
     assert again.joint_names == track.points.joint_names
-    assert {"l_heel", "r_toe", "l_hand"} <= set(again.joint_names)
     np.testing.assert_allclose(again.joints, track.points.joints, atol=1e-6)
     assert np.isnan(again.joints[3]).all()
     table = np.genfromtxt(tmp_path / "a.trc", delimiter="\t", skip_header=5)  # another reader
@@ -207,17 +203,18 @@ def test_points_of_a_track_without_its_body(tmp_path: Path) -> None:
 def test_layout_is_what_opensim_reads(tmp_path: Path) -> None:
     points = np.array([[[1.0, 2.0, 3.0], [np.nan] * 3]])
     write_trc(tmp_path / "a.trc", JointSeries(("head top", "b"), points, 50.0, np.array([10])))
-    lines = (tmp_path / "a.trc").read_text().split("\n")
-    assert lines[0] == "PathFileType\t4\t(X/Y/Z)\ta.trc"
-    assert lines[1].startswith("DataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits\tOrigDataRate")
-    assert lines[2] == "50\t50\t1\t2\tmm\t50\t11\t1"
-    assert lines[3] == "Frame#\tTime\thead_top\t\t\tb\t\t"
-    assert lines[4] == "\t\tX1\tY1\tZ1\tX2\tY2\tZ2"
-    assert lines[5] == ""
+    first, heads, *lines = (tmp_path / "a.trc").read_text().split("\n")
+    assert first == "PathFileType\t4\t(X/Y/Z)\ta.trc"
+    assert heads.startswith("DataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits\tOrigDataRate")
     # World (x, y, z) = (1, 2, 3) m: Y up, X = x, Y = z, Z = -y, mm; a missing point is NaN.
-    assert lines[6] == "11\t0.200000\t1000.00000\t3000.00000\t-2000.00000\tNaN\tNaN\tNaN"
-    assert lines[7:] == [""]
-    assert np.isnan(read_trc(tmp_path / "a.trc").joints[0, 1]).all()
+    assert lines == [
+        "50\t50\t1\t2\tmm\t50\t11\t1",
+        "Frame#\tTime\thead_top\t\t\tb\t\t",
+        "\t\tX1\tY1\tZ1\tX2\tY2\tZ2",
+        "",
+        "11\t0.200000\t1000.00000\t3000.00000\t-2000.00000\tNaN\tNaN\tNaN",
+        "",
+    ]
 
 
 def test_every_other_frame_has_half_the_rate(tmp_path: Path) -> None:
