@@ -17,6 +17,7 @@ import psfs
 from apf.keypoints.keypoints import Keypoints
 from apf.keypoints.readers.orders import MEDIAPIPE
 from psfs.cameras.camera import CameraRig
+from psfs.common.files import write_text
 from psfs.common.outputs import output_folder
 from psfs.people.people import StandingPeople
 
@@ -96,10 +97,8 @@ def test_keypoints_of_all_cameras_are_written_and_read_back(
     out = tmp_path / "pose"
     said = succeed("apf", "keypoints", folder, "-o", out, "--at-once", "1").out
     assert f"{FRAMES} frames x 2 cameras" in said
-    assert sorted(path.name for path in out.iterdir()) == [
-        "cam01_json", "cam02_json", "manifest.txt", "settings.toml",
-    ]  # fmt: skip
-    assert len(list(out.glob("cam01_json/cam01_00000[0-5].json"))) == FRAMES
+    for camera in ("cam01", "cam02"):
+        assert len(list(out.glob(f"{camera}_json/{camera}_00000[0-5].json"))) == FRAMES
     read = Keypoints.open(out, psfs.open_sequence(folder))
     assert read.names == MEDIAPIPE and read.notes == ()
     expected = np.tile(places()[:, :, None], (1, 1, 33, 1))
@@ -132,16 +131,9 @@ def test_whole_pictures_where_asked_for_replace_an_earlier_run(
 ) -> None:
     out = tmp_path / "pose"
     older = out / "cam01_json" / "cam01_000099.json"
-    older.parent.mkdir(parents=True)
-    older.write_text("of a longer video")
-    command = ["keypoints", str(folder), "-o", str(out), "--no-crop", "--cameras", "cam01"]
-    said = fail("apf", *command)  # it could be the user's
-    assert f"{older}: is there already" in said
-    with output_folder(out, "apf keypoints") as ours:
-        older.unlink()
-        ours.claim(older)
-        older.write_text("of a longer video")
-    succeed("apf", *command)
+    with output_folder(out, "apf keypoints"):
+        write_text(older, "of a longer video")
+    succeed("apf", "keypoints", folder, "-o", out, "--no-crop", "--cameras", "cam01")
     assert set(stand_in.read_text().splitlines()) == {"480 640"}
     read = Keypoints.open(out, ["cam01"])
     assert read.n_frames == FRAMES and len(list(out.iterdir())) == 3

@@ -34,12 +34,8 @@ BONES = {"pelvis": "Hips", "thorax": "Spine1", "head": "Head"} | {
 
 def rig_rest() -> np.ndarray:
     """The rig's rest pose: upright, facing -y, elbows bent and arms held out."""
-    pose = np.zeros((1, SONG.n_dof))
-    pose[0, SONG.dof_names.index("pelvis.rz")] = -np.pi / 2
-    for k, name in enumerate(SONG.dof_names):
-        if "forearm" in name:
-            pose[0, k] = 0.7 * np.sign(SONG.lower[k] + SONG.upper[k])
-    return pose
+    bend = {"pelvis__rz": -np.pi / 2, "l_forearm__ry": 0.7, "r_forearm__ry": 0.7}
+    return bodies.bent(SONG, np.zeros((1, SONG.n_dof)), **bend)
 
 
 @pytest.fixture
@@ -92,10 +88,8 @@ def test_a_bent_knee_shows_in_degrees(
     truth: tuple[Path, np.ndarray], capsys: pytest.CaptureFixture[str]
 ) -> None:
     path, poses = truth
-    knee = next(k for k, n in enumerate(SONG.dof_names) if n.startswith("l_calf"))
-    bent = poses.copy()
-    bent[::2, knee] += np.radians(10.0)
-    errors = errors_of(path, bent)
+    bend = np.radians(10.0) * (np.arange(len(poses)) % 2)
+    errors = errors_of(path, bodies.bent(SONG, poses, l_calf__ry=bend))
     assert errors["l_knee_flexion"].rms == pytest.approx(10 / np.sqrt(2), abs=0.1)
     assert errors["l_knee_flexion"].free == pytest.approx(5.0, abs=0.1)
     found = list(errors.values())

@@ -41,14 +41,12 @@ def test_constant_part_turns_with_the_body() -> None:
     """An offset fixed in the body is constant, one fixed in the world of a turning body is not."""
     track = tracks.walker(frames=200)
     truth = tracks.truth_of(track)
-    hips = truth.joints[:, [EVALUATED_JOINTS.index(f"{s}_hip") for s in "lr"]]
-    left = hips[:, 0] - hips[:, 1]
-    left /= np.linalg.norm(left, axis=1, keepdims=True)
+    turning, fixed, *hips = map(EVALUATED_JOINTS.index, ("l_elbow", "r_elbow", "l_hip", "r_hip"))
     joints = truth.joints.copy()
-    joints[:, EVALUATED_JOINTS.index("l_elbow")] += 0.05 * left
-    joints[:, EVALUATED_JOINTS.index("r_elbow")] += [0.05, 0, 0]
+    left = joints[:, hips[0]] - joints[:, hips[1]]
+    joints[:, turning] += 0.05 * left / np.linalg.norm(left, axis=1, keepdims=True)
+    joints[:, fixed] += [0.05, 0, 0]
     constant, rest = evaluate(track, replace(truth, joints=joints)).constant_and_rest
-    turning, fixed = (EVALUATED_JOINTS.index(name) for name in ("l_elbow", "r_elbow"))
     assert constant[turning] == pytest.approx(0.05, abs=1e-6)
     assert rest[turning] == pytest.approx(0, abs=1e-6)
     assert rest[fixed] > 0.02
@@ -131,12 +129,11 @@ def test_names_of_other_programs() -> None:
 def test_pelvis_from_the_hips() -> None:
     track = tracks.walker()
     truth = tracks.truth_of(track)
-    without = replace(truth, joint_names=("", *truth.joint_names[1:]))
-    evaluation = evaluate(track, without)
-    assert "pelvis" in evaluation.joint_names
+    evaluation = evaluate(track, replace(truth, joint_names=("", *truth.joint_names[1:])))
     hips = truth.joints[:, [EVALUATED_JOINTS.index(f"{s}_hip") for s in "lr"]].mean(axis=1)
     expected = np.linalg.norm(truth.joints[:, 0] - hips, axis=-1)
-    np.testing.assert_allclose(evaluation.errors[:, 0], expected, atol=1e-12)
+    pelvis = evaluation.joint_names.index("pelvis")
+    np.testing.assert_allclose(evaluation.errors[:, pelvis], expected, atol=1e-12)
 
 
 # The command ------------------------------------------------------------------------------------
@@ -144,23 +141,18 @@ def test_pelvis_from_the_hips() -> None:
 
 def test_command_writes_table_csv_plot_and_json(tmp_path: Path) -> None:
     """Of a truth 25 mm above the track."""
-    folder, track = tmp_path, tracks.walker()
-    track.save(folder / "out" / "track.npz")
+    out, track = tmp_path / "out", tracks.walker()
+    track.save(out / "track.npz")
     joints = track.joints + np.array([0, 0, 0.025])
-    np.savez(folder / "truth.npz", joint_names=track.joint_names, joints=joints, fps=60)
-    printed = succeed("apf", "evaluate", folder / "out", "--truth", folder / "truth.npz").out
-    assert "mean error 25.0 mm over 30 frames and 15 joints" in printed
-    assert "lost limbs" in printed
-    summary = json.loads((folder / "out" / "evaluation.json").read_text())
-    assert summary["mean_error_mm"] == 25
-    assert summary["lost_limbs"] == []
-    with (folder / "out" / "evaluation.csv").open(newline="") as file:
+    np.savez(tmp_path / "truth.npz", joint_names=track.joint_names, joints=joints, fps=60)
+    printed = succeed("apf", "evaluate", out, "--truth", tmp_path / "truth.npz").out
+    assert "mean error 25.0 mm over 30 frames and 15 joints" in printed and "lost limbs" in printed
+    summary = json.loads((out / "evaluation.json").read_text())
+    assert summary["mean_error_mm"] == 25 and summary["lost_limbs"] == []
+    with (out / "evaluation.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
-    assert len(rows) == 30
-    assert float(rows[7]["l_ankle_mm"]) == 25
-    picture = cv2.imread(str(folder / "out" / "evaluation.png"))
-    assert picture.shape[1] > 1000
-    assert picture.std() > 10
+    assert len(rows) == 30 and float(rows[7]["l_ankle_mm"]) == 25
+    assert cv2.imread(str(out / "evaluation.png")).std() > 10
 
 
 def test_the_stated_ellipsoids_are_judged() -> None:

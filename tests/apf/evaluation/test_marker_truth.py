@@ -4,10 +4,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers import bodies
 from helpers.commands import succeed
 from helpers.footage import write_c3d
-from helpers.striders import track_of_poses
+from helpers.striders import SONG, track_of_poses
 
 from apf.body.kinematics import bone_matrices
 from apf.body.stature import stature
@@ -23,12 +22,10 @@ LABELS = ("LASI", "RASI", "LKNE", "RKNE", "LWRA", "C7", "LFHD")
 N_FRAMES, FPS = 12, 30.0
 
 
-def a_track(n: int = N_FRAMES) -> Track:
+def a_track() -> Track:
     """A body that turns and bends."""
-    body = bodies.named("song31")
-    poses = np.tile(body.rest_pose, (n, 1)).astype(float)
-    poses += 0.02 * np.arange(n)[:, None] * np.linspace(-1, 1, body.n_dof)
-    return track_of_poses(body, poses, FPS)
+    poses = SONG.rest_pose + 0.02 * np.arange(N_FRAMES)[:, None] * np.linspace(-1, 1, SONG.n_dof)
+    return track_of_poses(SONG, poses, FPS)
 
 
 def true_markers(track: Track, labels: tuple[str, ...]) -> np.ndarray:
