@@ -4,7 +4,6 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 from helpers import footage
@@ -20,6 +19,7 @@ from apf.formats.trc import read_trc
 from apf.keypoints.keypoints import Keypoints, TriangulationConfig
 from apf.keypoints.readers.orders import BODY_25, MEDIAPIPE
 from apf.tracking.triangulated import TriangulatedConfig, triangulate_track
+from psfs.output.video import count_frames
 
 FRAMES = 40
 BODY = load_body("song31")
@@ -89,14 +89,10 @@ def test_command_writes_a_track(folder: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     said = succeed(*command(folder, out, "--low-pass", "4", "--frames", "0:30"))
     assert "30 frames triangulated" in said.out and "33 points of 3.0 cameras" in said.out
-    names = {path.name for path in out.iterdir()}
-    files = {"track.npz", "joints.trc", "joints.csv", "overlay.mp4", "settings.toml"}
-    assert names == {*files, "manifest.txt"}
     track = apf.Track.open(out)
     assert json.loads(track.provenance)["triangulated"]["low_pass"] == 4
     assert len(track) == 30 and read_trc(out / "joints.trc").joints.shape == (30, 33, 3)
-    video = cv2.VideoCapture(str(out / "overlay.mp4"))
-    assert video.get(cv2.CAP_PROP_FRAME_COUNT) == 30
+    assert count_frames(out / "overlay.mp4") == 30
     again = tmp_path / "again"
     settings = ["--config", str(out / "settings.toml"), "--no-overlay", "--frames", "0:30"]
     succeed("apf", "track", folder, "-o", again, *settings)
@@ -163,16 +159,15 @@ def test_several_people_are_tracked_by_keypoints_alone(
     folder: Path, pose_of_two: Path, tmp_path: Path
 ) -> None:
     flags = ["--keypoints", str(pose_of_two), "--objective", "keypoints", "--frames", "5:7"]
-    flags += ["--body", "song31", "--particles", "60", "--layers", "3"]
-    flags += ["--no-overlay", "--no-report"]
+    flags += ["--body", "song31", "--particles", "60", "--layers", "3", "--no-overlay"]
+    flags += ["--no-report"]
     succeed("apf", "track", str(folder), "-o", str(tmp_path / "out"), *flags)
     people = apf.PeopleTracks.open(tmp_path / "out")
     assert people.counts.tolist() == [2] * 2
-    true = [posed_joints(BODY, poses[5:7]) for poses in (POSES, MOVED)]
-    nearest = [
-        np.linalg.norm(track.joints - joints, axis=-1).mean() for track in people for joints in true
-    ]
-    assert max(nearest[0], nearest[3]) < 0.05 or max(nearest[1], nearest[2]) < 0.05
+    true = np.array([posed_joints(BODY, poses[5:7]) for poses in (POSES, MOVED)])
+    found = np.array([track.joints for track in people])
+    both = (np.linalg.norm(found[order] - true, axis=-1) for order in ([0, 1], [1, 0]))
+    assert min(away.mean((1, 2)).max() for away in both) < 0.05
     method = apf.Method.create(objective="keypoints", n_particles=60, n_layers=3)
     same = apf.track_people(
         psfs.open_sequence(folder), method=method, body="song31", frames=slice(5, 7),
