@@ -108,14 +108,13 @@ def test_kernel_and_twin(device: Device, name: str, n_points: int) -> None:
 def test_several_poses_at_once(device: Device) -> None:
     """Each is refined as if it were alone."""
     poses = bodies.random_poses(SONG, 3).astype(np.float32)
-    points = np.c_[bodies.surface_points(SONG, poses[1].astype(float), 300), np.ones(300)].astype(
-        np.float32
-    )
+    points = bodies.surface_points(SONG, poses[1].astype(float), 300)
+    padded = np.c_[points, np.ones(300)].astype(np.float32)
     refinement, found = Refinement(device, SONG, CONFIG, 3, fit=FREE), device.to_device(poses)
-    for launch in refinement.launcher(device.to_device(points), found):
+    for launch in refinement.launcher(device.to_device(padded), found):
         launch()
     for k, pose in enumerate(poses):
-        alone, information = on_device(device, SONG, pose, points[:, :3], CONFIG)
+        alone, information = on_device(device, SONG, pose, points, CONFIG)
         np.testing.assert_array_equal(found.get()[k], alone)
         np.testing.assert_array_equal(refinement.information.get()[k], information)
 

@@ -42,10 +42,8 @@ FEW = ["--particles", "48", "--layers", "6"]
 def test_a_translation_moves_all_joints_alike() -> None:
     for body in (load_body("song31"), load_body("rymut31")):
         move = np.array([0.3, -0.2, 0.1])
-        poses = body.rest_pose + np.stack(
-            [np.zeros(body.n_dof), make_translation_matrix(body) @ move]
-        )
-        before, after = posed_joints(body, poses)
+        moved = body.rest_pose + make_translation_matrix(body) @ move
+        before, after = posed_joints(body, np.stack([body.rest_pose, moved]))
         np.testing.assert_allclose(after - before, np.tile(move, (len(before), 1)), atol=1e-9)
 
 
@@ -80,12 +78,10 @@ def test_a_recording_from_the_command_line(filmed: Path, tmp_path: Path, monkeyp
     names = {path.name for path in out.iterdir()}
     assert names >= {"track.npz", "joints.trc", "joints.csv", "live.json", "timeline.png"}
     track, summary = Track.open(out), json.loads((out / "live.json").read_text())
-    assert 1 <= len(track) == summary["results"] <= 4
+    assert 1 <= len(track) == summary["results"] <= 4 - sum(summary["dropped"].values())
     assert np.all(np.diff(track.frames) > 0) and track.fps == 60
     assert summary["sizes"] == [[0, 48, 6]]
     assert summary["error_mm"] < 80 and summary["lost"] == 0
-    assert summary["error_when_known_mm"] is None or summary["error_when_known_mm"] > 0
-    assert len(track) + sum(summary["dropped"].values()) <= 4
     assert "mean error" in said.out and "poses per second can be found" in said.err
     take, recorded = Track.open(out / "take1"), track.frames >= track.frames[len(track) // 2]
     np.testing.assert_array_equal(take.frames, track.frames[recorded])
@@ -161,9 +157,7 @@ def film(
     lost: list[LiveCamera] = []
     kept: list[ObservedFrame] = []
     keep, until = Live.keep, time.monotonic() + 120
-    images = Sequence.open(filmed).read(0).images
-    assert images is not None
-    pictures = dict(zip(list_videos(filmed), images, strict=True))
+    pictures = dict(zip(list_videos(filmed), Sequence.open(filmed).read(0).images, strict=True))
 
     def next_picture(camera: LiveCamera, after: int) -> tuple[int, float, np.ndarray | None]:
         if after >= left.get(Path(camera.name).stem, 10**6):
@@ -333,9 +327,7 @@ def test_the_pose_moves_with_the_voxels(filmed: Path) -> None:
     run.expect(moved)
     particles.widen(0.0)
     diffuse()
-    (_, before), (_, after) = first.seen[0], moved.seen[0]
-    assert before is not None and after is not None
-    step = after - before  # with what a second look at the frame changes
+    step = moved.seen[0][1] - first.seen[0][1]  # with what a second look at the frame changes
     np.testing.assert_allclose(step, [0.2, 0.0, 0.0], atol=0.02)
     expected = at + make_translation_matrix(run.persons[0].body) @ step
     np.testing.assert_allclose(particles.sets[1].get()[0], expected, atol=2e-3)
