@@ -17,7 +17,6 @@ from apf.body.limbs import (
     limb_masks,
     limb_names,
     solve_inverse_kinematics,
-    trunk_mask,
 )
 from apf.body.model import BodyModel
 from apf.body.posing import Kinematics
@@ -157,16 +156,6 @@ def test_distances_to_the_nearest_cone_change_as_stated(name: str) -> None:
         slopes = (moved - distance) / STEP
         # A point between two cones may change to the other.
         assert np.mean(np.abs(slopes - rows[:, dof]) < 1e-4) > 0.97, body.dof_names[dof]
-
-
-def test_the_trunk_branches_into_limbs() -> None:
-    masks = [trunk_mask(SONG), *limb_masks(SONG)]
-    trunk, *names = [{SONG.dof_names[d].split(".")[0] for d in np.flatnonzero(m)} for m in masks]
-    assert trunk == {"pelvis", "thorax"}
-    for side in "lr":
-        assert {f"{side}_thigh", f"{side}_calf"} in names
-        assert {f"{side}_clavicle", f"{side}_upper_arm", f"{side}_forearm"} in names
-    assert len(names) == 4
 
 
 def test_a_limb_reaches_for_places() -> None:

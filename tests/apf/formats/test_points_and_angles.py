@@ -68,12 +68,6 @@ def test_c3d_has_events_as_laboratories_write_them(tmp_path: Path) -> None:
     np.testing.assert_allclose(group["TIMES"]["value"], [[0, 1], [0.25, 1.5]])
 
 
-def test_frames_far_apart(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="too many for a file without times"):
-        replace(strider(3), frames=np.array([0, 1, 10**9])).save(tmp_path / "a.c3d")
-    assert not list(tmp_path.iterdir())
-
-
 def test_c3d_goes_on_in_a_file_beside_it(tmp_path: Path) -> None:
     most = 65534
     points = np.zeros((most + 9, 1, 3))
@@ -102,6 +96,9 @@ def test_c3d_of_more_points_than_it_can_label(tmp_path: Path) -> None:
 
 
 def test_c3d_has_a_frame_for_each_that_was_left_out(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="too many for a file without times"):
+        replace(strider(3), frames=np.array([0, 1, 10**9])).save(tmp_path / "a.c3d")
+    assert not list(tmp_path.iterdir())
     track = replace(strider(3), frames=np.array([4, 6, 10]))
     track.save(tmp_path / "a.c3d")
     file = ezc3d.c3d(str(tmp_path / "a.c3d"))
@@ -252,10 +249,8 @@ def test_variants(tmp_path: Path, convention: str, unit: str, blank: str, end: s
     world = {"y-up": [1, -3, 2], "pose2sim": [3, 1, 2], "z-up": [1, 2, 3]}[convention]
     np.testing.assert_allclose(series.joints[0, 0], np.array(world) * (1 if unit == "m" else 1e-3))
 
-
-def test_frames_counted_from_zero_and_short_rows(tmp_path: Path) -> None:
+    # Frames that are counted from zero, and short rows.
     (tmp_path / "a.trc").write_text(trc("0\t0\t1\t2\t3\n1\t0.1\t1\t\t3\t4\t5\t6\n"))
     series = read_trc(tmp_path / "a.trc")
-    np.testing.assert_array_equal(series.frames, [0, 1])
-    assert np.isnan(series.joints[0, 1]).all()
-    assert np.isnan(series.joints[1, 0]).any()
+    assert series.frames.tolist() == [0, 1]
+    assert np.isnan(series.joints[0, 1]).all() and np.isnan(series.joints[1, 0]).any()

@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -12,8 +11,8 @@ from apf.evaluation.joint_names import EVALUATED_JOINTS
 from apf.filters.method import Method
 from apf.formats.trc import JointSeries
 from apf.live.config import LiveConfig
-from apf.live.pace import Pace, describe_run
-from apf.live.session import STAGES, Governor, LiveResult, list_sizes, resize_search
+from apf.live.pace import Pace
+from apf.live.session import STAGES, Governor, list_sizes, resize_search
 from apf.live.sources import ACQUISITION
 from apf.live.timeline import Span, Timeline, live_errors
 
@@ -23,14 +22,6 @@ def test_what_is_to_be_expected() -> None:
     assert not slow.keeps_up and slow.advice.startswith("faster with smaller pictures (--scale 0.2")
     assert Pace(4.0, 30.0, 0.05, 0.2, 0.5).advice.startswith("faster with a smaller search")
     assert Pace(28.0, 30.0, 0.02, 0.01, 1.0).keeps_up
-
-
-def test_a_lost_person_is_told() -> None:
-    lost, timeline = [SimpleNamespace(lost=True)], Timeline(("tracking",))
-    for number in (0, 1):
-        timeline.add_result(number, number / 8, number / 8 + 0.2)
-    result = LiveResult([0, 1], [lost, lost], [0.1, 0.1], [(0, 96, 10)])  # type: ignore[list-item]
-    assert describe_run(result, timeline).endswith("LOST")
 
 
 def test_errors_of_frames_and_of_when_poses_are_known() -> None:

@@ -9,15 +9,12 @@ import numpy as np
 import pytest
 from helpers import bodies, scenes
 from helpers.walkers import surface_voxels, walker
-from helpers.worlds import World
 
-from apf.backend import make_tracker
 from apf.body.kinematics import posed_joints
 from apf.body.limbs import limb_masks, limb_names
 from apf.body.model import BodyModel
 from apf.body.toml import load_body
 from apf.filters.base import Estimate
-from apf.filters.method import Method
 from apf.initialisation.kept_voxels import RestoredVoxels, crop_voxels
 from apf.reference.likelihood.voxel import uncrop
 from apf.tracking.limb_confidence import LEAST_DISTANCE, SAME_PLACE
@@ -258,16 +255,3 @@ def test_what_ends_the_way_back_leaves_the_way_ahead(
     with pytest.raises(type(ending)):
         track_both_ways(found, Follower(), frames(n), progress)
     assert len(found) == kept and np.isnan(found[3][1][0].disagreement).all()
-
-
-def test_errors_are_the_twins(device: Device) -> None:
-    method = Method.create(n_particles=40, n_layers=2, n_points=300)
-    world, found = World(device), []
-    wrong = moved(world.pose(0), l_upper_arm__rx=-0.9)
-    for own, voxels in ((device, world.voxels(0)), (NumpyDevice(), world.twin(0))):
-        tracker = make_tracker(world.scene(own), method)
-        tracker.start(world.pose(0))
-        tracker.step(voxels)
-        found.append(tracker.score_poses(np.stack([world.pose(0), wrong])))
-    np.testing.assert_allclose(found[0], found[1], atol=0.01)
-    assert found[0][1] > found[0][0] + 0.05
