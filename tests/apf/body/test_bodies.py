@@ -63,12 +63,17 @@ def test_other_bodies_are_bodies_and_roam_within_their_limits_on_the_floor(name:
     assert np.all(np.ptp(poses[:, body.sigma > 0.009], axis=0) > 0.05)
 
 
-def test_what_a_file_says_replaces_the_base() -> None:
+def test_what_a_file_says_replaces_the_base_which_may_be_a_file_beside_it(tmp_path: Path) -> None:
     song, child, one_arm = (load_body(name) for name in ("song32", "child", "one_arm"))
     assert stature(child) == pytest.approx(1.1, abs=0.01)
     assert "l_forearm" not in [*one_arm.cone_names, *(bone.name for bone in one_arm.bones)]
     assert set(song.joint_names) - set(one_arm.joint_names) == {"l_wrist"}
     assert len(one_arm.edges) == len(song.edges) - 1
+    (tmp_path / "first.toml").write_text('base = "song32"\nname = "first"\nscale = 0.5')
+    (tmp_path / "second.toml").write_text('base = "first.toml"\nname = "second"\nscale = 2.0')
+    again = load_body(tmp_path / "second.toml")
+    np.testing.assert_allclose(again.rest_pose, song.rest_pose)
+    np.testing.assert_allclose(again.cones[3].end, song.cones[3].end)
 
 
 @pytest.mark.parametrize(
@@ -87,11 +92,3 @@ def test_wrong_files_are_named(tmp_path: Path, text: str, message: str) -> None:
     with pytest.raises(InputError, match=message):
         load_body(path)
     assert fail("apf", "body", "check", path).count("\n") == 1
-
-
-def test_a_base_may_be_a_file_beside_it(tmp_path: Path) -> None:
-    (tmp_path / "first.toml").write_text('base = "song32"\nname = "first"\nscale = 0.5')
-    (tmp_path / "second.toml").write_text('base = "first.toml"\nname = "second"\nscale = 2.0')
-    first, again = load_body("song32"), load_body(tmp_path / "second.toml")
-    np.testing.assert_allclose(again.rest_pose, first.rest_pose)
-    np.testing.assert_allclose(again.cones[3].end, first.cones[3].end)

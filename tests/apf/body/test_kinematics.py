@@ -114,7 +114,7 @@ def stepped(body: BodyModel, pose: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize("name", MOVED)
-def test_which_cones_a_degree_of_freedom_slides_or_turns(name: str) -> None:
+def test_cones_slide_and_turn_and_points_on_bones_move_as_stated(name: str) -> None:
     body = bodies.named(name)
     pose = bodies.random_poses(body, 1)[0]
     moved = posed_cones(body, stepped(body, pose)) - posed_cones(body, pose[None])
@@ -123,12 +123,6 @@ def test_which_cones_a_degree_of_freedom_slides_or_turns(name: str) -> None:
     moves = cone_moves(body)
     np.testing.assert_array_equal(moves > 0, shifts | turns)
     np.testing.assert_array_equal(moves == 2, turns)
-
-
-@pytest.mark.parametrize("name", MOVED)
-def test_points_fixed_to_bones_move_as_stated(name: str) -> None:
-    body = bodies.named(name)
-    pose = bodies.random_poses(body, 1)[0]
     random = np.random.default_rng(3)
     bone = random.integers(len(body.bones), size=50)
     local = random.normal(0, 0.2, (50, 3))  # in the frames of the bones

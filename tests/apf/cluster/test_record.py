@@ -56,14 +56,11 @@ def test_a_take_is_the_same_by_content_and_settings(take: Path, tmp_path: Path) 
     assert not TakeRecord.describe_take(moved, renamed, read).is_same_take(read)
 
 
-def test_files_that_look_as_before_are_not_read(take: Path) -> None:
+def test_files_that_look_as_before_are_not_read_but_changed_or_gone_are_seen(take: Path) -> None:
     known = TakeRecord.describe_take(take, {})
     changed(take / "calibration.toml", "f = 7", same_time=True)
     assert TakeRecord.describe_take(take, {}, known).is_same_take(known)
     assert not TakeRecord.describe_take(take, {}).is_same_take(known)
-
-
-def test_results_that_are_not_all_there(take: Path) -> None:
     record = TakeRecord("0", {}, {}, {}, describe_files(take, list_files(take)))
     assert record.is_complete(take)
     changed(take / "calibration.toml", "f = 8")

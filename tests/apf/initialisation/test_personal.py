@@ -65,9 +65,6 @@ def test_without_outlines_nothing_changes() -> None:
     measures, covariance = fit.measure(nothing, poses)
     assert not measures.any() and np.array_equal(np.diag(covariance), fit.shape.spread**2)
     assert np.array_equal(fit.pose(measures, nothing, poses), poses)
-
-
-def test_what_is_unknown_or_at_the_border_is_no_outline() -> None:
     shown = np.zeros((4, RIG.height, RIG.width), bool)
     shown[:, :, :40] = True
     known = np.ones_like(shown)

@@ -35,16 +35,13 @@ def found() -> tuple[np.ndarray, Surface]:
 
 
 def test_surface_lies_where_the_outlines_touch(found: tuple[np.ndarray, Surface]) -> None:
+    """Its measures have errors."""
     _, surface = found
     wide = posed_cones(BODY.scaled({}, 1.15), surface.pose[None])[0]
     before = cone_distances(join_cones(BODY, surface.pose)[0], wide).min(1)
     after = cone_distances(surface.vertices, wide).min(1)
     assert np.abs(after).mean() < 0.75 * np.abs(before).mean()
     assert np.all(surface.deviation <= 0.03 + 1e-9)
-
-
-def test_measures_have_errors(found: tuple[np.ndarray, Surface]) -> None:
-    _, surface = found
     measures = surface.measure(BODY)
     volume, error = measures["volume_l"]
     assert 40 < volume < 150 and 0 < error < 0.2 * volume

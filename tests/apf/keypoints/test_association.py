@@ -55,12 +55,14 @@ def test_people_who_pass_one_another_are_kept_apart() -> None:
     assert sorted(shares.argmax(1)) == [0, 1, 2]
 
 
-def test_who_leaves_comes_back_as_the_same_person() -> None:
+def test_who_leaves_comes_back_as_the_same_person_and_so_many_are_followed_at_most() -> None:
     first, second = walker((-0.8, 0), (0, 0)), walker((0.8, 0), (0, 0.01))
     second[:, 8:18] = np.nan
     found = associate_people(shuffled([first, second]), RIG, FPS)
     assert [same(own, true) for own, true in zip(found, (first, second), strict=True)] == [1, 1]
     assert [count_at_once(found, least) for least in (1, 14, 15)] == [2, 2, 1]
+    assert associate_people(shuffled([first, second]) * np.nan, RIG, FPS) == []
+    assert len(associate_people(shuffled([first, second]), RIG, FPS, number=1)) == 1
 
 
 def test_a_rejected_match_does_not_split_a_person_who_returns() -> None:
@@ -91,12 +93,6 @@ def test_a_camera_without_a_person_and_persons_of_one_camera() -> None:
     (found,) = associate_people(shuffled([person, poster]), RIG, FPS)
     assert same(found, person) == 1
     assert np.isnan(found[1, 5:9]).all()
-
-
-def test_nobody_and_at_most_so_many() -> None:
-    people = [walker((-0.8, 0), (0, 0)), walker((0.8, 0), (0, 0))]
-    assert associate_people(shuffled(people) * np.nan, RIG, FPS) == []
-    assert len(associate_people(shuffled(people), RIG, FPS, number=1)) == 1
 
 
 def walk(side: float) -> np.ndarray:

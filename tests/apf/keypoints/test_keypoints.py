@@ -60,17 +60,13 @@ def test_npz_reads_back_and_cameras_are_found_by_name(tmp_path: Path) -> None:
     same(read.select_cameras(NAMES[1:]).select_cameras(NAMES[2:]), last)
 
 
-def test_cameras_without_names_are_taken_in_order_and_a_note_says_so(tmp_path: Path) -> None:
+def test_cameras_without_names_or_keypoints_are_noted(tmp_path: Path) -> None:
     written = keypoints()
     read = Keypoints.open(save(tmp_path / "a.npz", written.points), RIG)
     same(read, written)
     assert "in order: 1 for cam01, 2 for cam02, 3 for cam03" in read.notes[0]
     named = save(tmp_path / "b.npz", written.points, camera_names=["x", "y", "z"])
     assert "x for cam01" in Keypoints.open(named, RIG).notes[0]
-
-
-def test_a_camera_without_keypoints_is_missing(tmp_path: Path) -> None:
-    written = keypoints()
     path = save(tmp_path / "a.npz", written.points[1:], camera_names=NAMES[1:])
     read = Keypoints.open(path, RIG)
     assert np.isnan(read.points[0]).all() and "no keypoints of camera cam01" in read.notes[0]

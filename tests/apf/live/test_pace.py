@@ -74,9 +74,6 @@ def test_a_search_of_any_size() -> None:
     n_layers = [size.filter.search.n_layers for size in sizes]
     assert n_layers[0] >= 6 and n_layers[1] < n_layers[2] and n_layers[3] <= 15
     assert resize_search(Method.create("sir", "sp"), 2000).filter.search.n_layers == 1
-
-
-def test_sizes_to_choose_from() -> None:
     sizes = list_sizes(Method())
     counts = [count_evaluations(size) for size in sizes]
     assert counts == sorted(counts)

@@ -66,11 +66,7 @@ def test_sides_have_their_colours_where_the_limbs_are() -> None:
     assert nearest(drawn, SIDES["middle"]).sum() > 200
     changed = np.any(drawn != 90, axis=-1)
     assert 0.005 < changed.mean() < 0.3
-
-
-def test_lost_people_and_limbs_have_their_own_colour() -> None:
-    track = tracks.walker(2)
-    figure = Figure(replace(track, diagnostics={"lost": np.array([False, True])}), number=1)
+    figure = Figure(tracks.lose(track, 1), number=1)  # lost people have a colour of their own
     assert not (figure.colour_cones(0) == LOST).any()
     assert (figure.colour_cones(1) == LOST).all() and (figure.colour_edges(1) == LOST).all()
 

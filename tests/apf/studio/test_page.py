@@ -97,7 +97,7 @@ def test_keys_and_buttons_move_the_time_line(tmp_path: Path, page: Page) -> None
 
 
 def test_what_a_browser_sends_for_a_file_is_one_of_the_options(tmp_path: Path, page: Page) -> None:
-    """Not a path to somewhere else."""
+    """Not a path to somewhere else. A file that has another beside it is packed with it."""
     folder = save_track(tmp_path / "runs" / "walk")
     page.open(folder)
     for field in (page.export.ending, page.export.person):
@@ -107,26 +107,17 @@ def test_what_a_browser_sends_for_a_file_is_one_of_the_options(tmp_path: Path, p
         field.value = before
     assert not (tmp_path / "out.bvh").exists()
     assert page.export.make_file()[0] == "walk.bvh"
-
-
-def test_a_file_that_has_another_beside_it_is_packed_with_it(tmp_path: Path, page: Page) -> None:
-    folder = save_track(tmp_path / "runs" / "walk")
+    with pytest.raises(FileNotFoundError) as gone:
+        page.export.read_report()
+    page.say(gone.value)
+    said = page._message.content
+    assert "report.html: cannot be read or written: No such file" in said and "Errno" not in said
     tracks.lose(tracks.walker(), np.arange(26, 30)).save(folder / "track.npz")
     page.open(folder)
     page.export.ending.value = ".mot"
     name, content = page.export.make_file()
     with zipfile.ZipFile(io.BytesIO(content)) as packed:
         assert name == "walk.zip" and set(packed.namelist()) == {"walk.mot", "walk_filled.csv"}
-
-
-def test_a_folder_that_is_gone_is_named(tmp_path: Path, page: Page) -> None:
-    folder = save_track(tmp_path / "runs" / "walk")
-    page.open(folder)
-    with pytest.raises(FileNotFoundError) as gone:
-        page.export.read_report()
-    page.say(gone.value)
-    said = page._message.content
-    assert "report.html: cannot be read or written: No such file" in said and "Errno" not in said
 
 
 def test_running_track_is_watched_by_its_parts(tmp_path: Path, page: Page) -> None:

@@ -102,9 +102,6 @@ def test_the_start_is_where_the_person_stands_whole() -> None:
     shown = {range(20, 40): block(1.7, 1.4), range(40, 60): block(0.9), range(60, 95): block(1.7)}
     ranked = rank_starts(session_of(shown))
     assert all(55 <= frame <= 75 for frame in ranked[:2]) and ranked == sorted(ranked)
-
-
-def test_nobody_in_any_frame_is_an_error_of_the_start() -> None:
     with pytest.raises(StartError, match="nobody is seen in 25 frames"):
         rank_starts(session_of({range(N): block(0.1)}))
 
