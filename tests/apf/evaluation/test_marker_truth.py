@@ -103,19 +103,6 @@ def test_a_set_of_one_s_own(tmp_path: Path) -> None:
     assert constant[0] == pytest.approx(found.mean_error, rel=1e-4) and rest[0] < 1e-6
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("[[markers]]\n", r"markers; expected \[\[marker\]\] tables"),
-        ("stature = 9.0\n", "stature"),
-    ],
-)
-def test_bad_sets(tmp_path: Path, text: str, message: str) -> None:
-    (tmp_path / "mine.toml").write_text(text)
-    with pytest.raises(InputError, match=message):
-        load_markers(tmp_path / "mine.toml")
-
-
 def test_bad_files(tmp_path: Path) -> None:
     path, track = tmp_path / "walk.c3d", a_track()
     path.write_bytes(b"no c3d at all")
@@ -123,6 +110,13 @@ def test_bad_files(tmp_path: Path) -> None:
         read_c3d(path)
     with pytest.raises(InputError, match="expected a TOML file or one of plugingait"):
         load_markers("vicon")
+    for text, message in (
+        ("[[markers]]\n", r"markers; expected \[\[marker\]\] tables"),
+        ("stature = 9.0\n", "stature"),
+    ):
+        (tmp_path / "mine.toml").write_text(text)
+        with pytest.raises(InputError, match=message):
+            load_markers(tmp_path / "mine.toml")
     write_c3d(path, np.zeros((3, 1, 3)), ("X9",), FPS, unit="inch")
     with pytest.raises(InputError, match=r"POINT:UNITS is 'inch'; expected mm, cm, m"):
         read_c3d(path)

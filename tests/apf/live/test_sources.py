@@ -101,6 +101,9 @@ def test_captures_of_files(tmp_path: Path) -> None:
     assert 1 <= len(shots) <= 11
     assert [s.time for s in shots] == sorted(s.time for s in shots)
     assert all(shot.frame.images.shape == (3, 48, 64, 3) for shot in shots)
+    footage.write_video(folder / "videos" / "cam03.mp4", [1, 2], size=(80, 48))
+    with pytest.raises(InputError, match="80 x 48 pixels; camera cam03"):
+        open_cameras(folder, {}, list_videos(folder), 0.0).first()
 
 
 def test_pictures_that_come_unevenly(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -155,10 +158,3 @@ def test_a_background_filmed_first(tmp_path: Path, monkeypatch: pytest.MonkeyPat
         cameras.close()
         monkeypatch.setattr("apf.live.cameras._EMPTY_BYTES", 0)
         monkeypatch.setattr("apf.live.cameras._LEAST_EMPTY", 1)  # there is room for one of them
-
-
-def test_captures_of_another_size(tmp_path: Path) -> None:
-    folder = footage.native(tmp_path / "s", frames=2)
-    footage.write_video(folder / "videos" / "cam03.mp4", [1, 2], size=(80, 48))
-    with pytest.raises(InputError, match="80 x 48 pixels; camera cam03"):
-        open_cameras(folder, {}, list_videos(folder), 0.0).first()

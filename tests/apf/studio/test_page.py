@@ -74,6 +74,8 @@ def test_lost_person_and_limbs_are_named(tmp_path: Path, page: Page) -> None:
     assert "doubtful" in watch.status.content
     watch.time_line.seek(5)
     assert "the person is lost" in watch.status.content
+    tracks.walker(6).save(tmp_path / "running" / "parts" / "track_000000000.npz")
+    assert len(watch_in(page, tmp_path / "running").opened.frames) == 6
 
 
 def test_keys_and_buttons_move_the_time_line(tmp_path: Path, page: Page) -> None:
@@ -118,12 +120,6 @@ def test_what_a_browser_sends_for_a_file_is_one_of_the_options(tmp_path: Path, p
     name, content = page.export.make_file()
     with zipfile.ZipFile(io.BytesIO(content)) as packed:
         assert name == "walk.zip" and set(packed.namelist()) == {"walk.mot", "walk_filled.csv"}
-
-
-def test_running_track_is_watched_by_its_parts(tmp_path: Path, page: Page) -> None:
-    run = tmp_path / "run"
-    tracks.walker(6).save(run / "parts" / "track_000000000.npz")
-    assert len(watch_in(page, run).opened.frames) == 6
 
 
 def test_several_people_are_shown_together(tmp_path: Path, page: Page) -> None:
