@@ -121,9 +121,7 @@ def test_lengths_become_metres_and_limits_stay_open(tmp_path: Path) -> None:
         ("poses.txt", 124),
     ],
 )
-def test_files_that_are_short_of_words_or_missing_are_refused(
-    tmp_path: Path, name: str, count: int
-) -> None:
+def test_short_or_missing_files_are_refused(tmp_path: Path, name: str, count: int) -> None:
     write_files(tmp_path)
     path = tmp_path / name
     numbers = path.read_text().split()

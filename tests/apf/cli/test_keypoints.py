@@ -91,9 +91,7 @@ def places() -> np.ndarray:
     return np.array(middles)
 
 
-def test_keypoints_of_all_cameras_are_written_and_read_back(
-    folder: Path, tmp_path: Path, stand_in: Path
-) -> None:
+def test_keypoints_are_written_and_read_back(folder: Path, tmp_path: Path, stand_in: Path) -> None:
     out = tmp_path / "pose"
     said = succeed("apf", "keypoints", folder, "-o", out, "--at-once", "1").out
     assert f"{FRAMES} frames x 2 cameras" in said
@@ -126,9 +124,7 @@ def test_of_several_people_each_is_in_the_files(
     np.testing.assert_allclose(read.points[0, 2, 0, :2], places()[0, 2], atol=0.2)
 
 
-def test_whole_pictures_where_asked_for_replace_an_earlier_run(
-    folder: Path, tmp_path: Path, stand_in: Path
-) -> None:
+def test_whole_pictures_replace_older_ones(folder: Path, tmp_path: Path, stand_in: Path) -> None:
     out = tmp_path / "pose"
     older = out / "cam01_json" / "cam01_000099.json"
     with output_folder(out, "apf keypoints"):
@@ -140,9 +136,7 @@ def test_whole_pictures_where_asked_for_replace_an_earlier_run(
     np.testing.assert_allclose(read.points[0, :, 0, :2], places()[0], atol=0.2)
 
 
-def test_bad_pictures_leave_nothing_half_written(
-    folder: Path, tmp_path: Path, stand_in: Path
-) -> None:
+def test_bad_pictures_leave_no_half_files(folder: Path, tmp_path: Path, stand_in: Path) -> None:
     (folder / "images" / "cam02" / "0003.png").write_bytes(b"no picture")
     out = tmp_path / "pose"
     said = fail("apf", "keypoints", folder, "-o", out, "--at-once", "1", "--no-crop").splitlines()

@@ -27,9 +27,7 @@ def track(folder: Path, out: Path, *more: str) -> list[str]:
     return ["apf", "track", str(folder), "-o", str(out), *SMALL, *truth, *more]
 
 
-def test_everything_is_written_and_judged_and_reports_made_again(
-    walk: Path, tmp_path: Path
-) -> None:
+def test_all_is_written_and_judged_and_reports_made_again(walk: Path, tmp_path: Path) -> None:
     """The last lines say what summary.json holds; `apf report` gives the same again."""
     out = tmp_path / "out"
     said = succeed(*track(walk, out, "--frames", f"0:{FRAMES}")).out.splitlines()
@@ -100,9 +98,7 @@ def test_a_body_of_frusta_and_a_mesh_of_the_person(walk: Path, tmp_path: Path) -
         assert message in fail(*track(walk, tmp_path / "bad", *few, *flags))
 
 
-def test_several_takes_are_a_batch_without_exports(
-    walk: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_takes_are_a_batch(walk: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[BatchRequest] = []
     monkeypatch.setattr("apf.cli.batch.run", asked.append)
     days = [tmp_path / day / "walk" for day in ("monday", "tuesday")]

@@ -23,9 +23,7 @@ def track(tmp_path: Path) -> Path:
     return tmp_path / "track"
 
 
-def test_body_is_shown_in_stored_voxels(
-    track: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_body_among_voxels(track: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def look(page: ViewPage, args: object) -> None:
         watch = page.watch
         assert watch is not None and watch.frame == 1 and watch.voxels.visible

@@ -52,9 +52,7 @@ def test_nothing_listens(processes: Processes) -> None:
 
 
 @pytest.mark.parametrize("where", ["processes", "client"])
-def test_every_task_has_its_outcome(
-    where: str, tmp_path: Path, request: pytest.FixtureRequest
-) -> None:
+def test_tasks_have_outcomes(where: str, tmp_path: Path, request: pytest.FixtureRequest) -> None:
     """Two failures are survived, three deaths or failures are not; other tasks are unaffected."""
     said: list[Progress] = []
     pool = request.getfixturevalue(where)
@@ -179,9 +177,7 @@ def test_the_command(
     }  # fmt: skip
 
 
-def test_workers_of_a_cluster_die(
-    client: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_cluster_workers_die(client: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The last test of the cluster: Dask may fail to start its worker again."""
     pool = DaskPool(client)
     with pytest.raises(InputError, match=" died"):

@@ -80,9 +80,7 @@ def test_the_same_motion_has_the_same_angles(truth: tuple[Path, np.ndarray]) -> 
     assert errors["l_shoulder_rotation"].free < 0.5 and errors["r_elbow_flexion"].free < 0.5
 
 
-def test_a_bent_knee_shows_in_degrees(
-    truth: tuple[Path, np.ndarray], capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_bent_knee(truth: tuple[Path, np.ndarray], capsys: pytest.CaptureFixture[str]) -> None:
     path, poses = truth
     bend = np.radians(10.0) * (np.arange(len(poses)) % 2)
     errors = errors_of(path, bodies.bent(SONG, poses, l_calf__ry=bend))

@@ -196,9 +196,7 @@ TRACK = tracks.walker(20)
 
 @pytest.mark.parametrize("written", CONVENTIONS)
 @pytest.mark.parametrize("read", [*CONVENTIONS, None])
-def test_the_convention_of_a_trc_is_named_or_found(
-    written: str, read: str | None, tmp_path: Path
-) -> None:
+def test_conventions_are_named_or_found(written: str, read: str | None, tmp_path: Path) -> None:
     """Named by the command where another one is stated, else found."""
     TRACK.save(tmp_path / "track.npz")
     write_trc(tmp_path / "truth.trc", tracks.truth_of(TRACK), written)

@@ -133,9 +133,7 @@ def test_command_compares_all_people(tmp_path: Path) -> None:
         ({}, ""),
     ],
 )
-def test_a_truth_that_does_not_fit_several_people_is_named(
-    tmp_path: Path, change: dict[str, Any], said: str
-) -> None:
+def test_a_truth_that_fits_nobody(tmp_path: Path, change: dict[str, Any], said: str) -> None:
     people, truth = pair(0, 3)
     people.save(tmp_path / "out")
     joints = np.stack([of.joints for of in truth.values()], axis=1)[: change.get("n", N)]

@@ -126,9 +126,7 @@ def test_a_filter_of_a_changed_body_is_that_bodys(device: Device, settings: dict
         ({"limb_search_reach": 0.0}, 1, "other"),
     ],
 )
-def test_frames_agree_with_the_twin(
-    device: Device, settings: dict, n_layers: int, kind: str
-) -> None:
+def test_frames_agree_with_twins(device: Device, settings: dict, n_layers: int, kind: str) -> None:
     """As long as no parent flips the two draw the same particles; a flip moves the mean little.
     GPUs take a work-group per particle, CPUs an item per pack of them; all devices can both."""
     world = World(device if kind == "own" else other_kind(device))

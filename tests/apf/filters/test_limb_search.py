@@ -94,9 +94,7 @@ def test_proposals_move_one_limb_within_limits() -> None:
     "tracking/limb_search.propose", "tracking/limb_search.choose", "tracking/limb_search.accept"
 )
 @pytest.mark.parametrize(("n_particles", "n_points"), [(3, 5), (37, 400), (150, 400)])
-def test_kernels_and_twin_on_surface_points(
-    device: Device, n_particles: int, n_points: int
-) -> None:
+def test_kernels_and_twin_on_voxels(device: Device, n_particles: int, n_points: int) -> None:
     size = {"n_particles": n_particles, "n_points": n_points, "refinement_steps": 1}
     config = CONFIG.with_changes(first_survival=0.9, last_survival=0.6, **size)
     pose = bodies.random_poses(SONG, 1)[0].astype(np.float32)
@@ -148,7 +146,7 @@ def test_an_arm_is_where_its_points_are_seen(monkeypatch: pytest.MonkeyPatch) ->
 
 
 @pytest.mark.parity("tracking/limb_search.propose", "tracking/refinement.refine_system")
-def test_kernels_and_twin_on_observed_points(device: Device) -> None:
+def test_twin_on_observed_points(device: Device) -> None:
     body, rig = load_body("song31"), scenes.ring(3, size=(640, 480))
     config = CONFIG.with_changes(refinement_steps=2)
     pose = bodies.random_poses(body, 1)[0]

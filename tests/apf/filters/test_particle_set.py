@@ -182,9 +182,7 @@ def test_estimate_is_the_weighted_mean(device: Device, n: int) -> None:
 
 @pytest.mark.parity("tracking/annealing.end_frame")
 @pytest.mark.parametrize("frame", [0, 1, 5])
-def test_the_end_of_a_frame_reports_all_and_expects_the_change_again(
-    device: Device, frame: int
-) -> None:
+def test_end_of_frame_reports_and_expects_the_change_again(device: Device, frame: int) -> None:
     n, velocity, random = 37, 0.4, np.random.default_rng(0)
     layer = Layer(device, SONG, n, velocity=velocity).at_frame(frame)
     particles = layer.set

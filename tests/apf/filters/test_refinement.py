@@ -157,9 +157,7 @@ def test_finds_the_way_back_by_what_cameras_see() -> None:
     ("name", "n_voxels", "n_points"),
     [("song31", 0, 0), ("song31", 300, 70), ("stick", 0, 1), ("stick", 300, 0)],
 )
-def test_kernels_and_twin_on_observed_points(
-    device: Device, name: str, n_voxels: int, n_points: int
-) -> None:
+def test_twin_on_observed_points(device: Device, name: str, n_voxels: int, n_points: int) -> None:
     """Some of them behind a camera, wrong, or the other side's. The other kind of work-groups is
     left to one body: their kernels take 5 s to compile."""
     body, random = bodies.named(name), np.random.default_rng(n_points)

@@ -138,9 +138,7 @@ def test_sobel_as_opencv_has_it() -> None:
         (200, "chessboard", [0.001, 0.2]),
     ],
 )
-def test_distances_are_exact(
-    device: Device, reach: int, metric: str, densities: list[float]
-) -> None:
+def test_exact_distances(device: Device, reach: int, metric: str, densities: list[float]) -> None:
     """Against the twin: a table that tells all squared distances from each other."""
     shape = (2, 61, 193)  # a diagonal of more than 200 px
     roi = np.array([[0, 0, 193, 61], [11, 7, 109, 40]], np.int32)

@@ -148,9 +148,7 @@ def test_hypotheses_that_go_on_look_in_different_directions() -> None:
     np.testing.assert_allclose(forward(SONG, looking(90, 0).poses), [[0, 1]], atol=1e-12)
 
 
-def test_a_start_is_in_the_frame_that_it_fits_best(
-    device: Device, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_start_is_in_its_best_frame(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
     shape, poses = np.zeros(len(ShapeModel(SONG).deviation)), np.tile(SONG.rest_pose, (8, 1))
     fits = [Hypothesis(shape, poses, 0.1, cost, best) for cost, best in ((1.0, 3), (2.0, 5))]
     anchors = list[int]()

@@ -87,9 +87,7 @@ def test_missing_points_are_nan_throughout() -> None:
     ("count", "names"),
     [(33, MEDIAPIPE), (17, COCO_17), (26, HALPE_26), (25, BODY_25B), (553, MEDIAPIPE)],
 )
-def test_arrays_are_known_by_their_number_of_keypoints(
-    tmp_path: Path, count: int, names: tuple[str, ...]
-) -> None:
+def test_arrays_are_known_by_their_size(tmp_path: Path, count: int, names: tuple[str, ...]) -> None:
     written = keypoints(names=names)
     points = np.full((3, 4, count, 3), 5.0)  # hands and face, somewhere
     points[:, :, : len(names)] = written.points

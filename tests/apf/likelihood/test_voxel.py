@@ -55,9 +55,7 @@ def point_sampler(
         *(("posture", name, 3, n) for name, n in (("song31", 37), ("song31", 129), ("stick", 2))),
     ],
 )
-def test_terms_agree_with_the_twin(
-    device: Device, term: str, name: str, views: int, n: int
-) -> None:
+def test_terms_agree_with_twins(device: Device, term: str, name: str, views: int, n: int) -> None:
     """Those of images are equal but for samples that rounding moves over a pixel's or the picture's
     border."""
     body, of_images = bodies.named(name), term in ("edge", "silhouette")
@@ -121,9 +119,7 @@ def test_surface_samples_agree_with_the_twin(device: Device, n_voxels: int) -> N
     ("name", "n_voxels", "n_points"),
     [("song31", 0, 63), ("song31", 2000, 1024), ("stick", 1, 63), ("stick", 50, 1)],
 )
-def test_surface_kernel_agrees_with_the_twin(
-    device: Device, name: str, n_voxels: int, n_points: int
-) -> None:
+def test_surface_kernel_and_twin(device: Device, name: str, n_voxels: int, n_points: int) -> None:
     body, grid = bodies.named(name), VoxelGrid(np.array([-0.9, -0.8, -0.1]), 0.1, (18, 17, 19))
     random = np.random.default_rng(n_voxels)
     indices = np.sort(random.choice(grid.size, n_voxels, replace=False)).astype(np.int32)
@@ -178,9 +174,7 @@ def test_misfit_is_silhouette_and_surface_error_of_one_pose(device: Device) -> N
 
 
 @pytest.mark.parametrize(("ahead", "hands"), [(0.4, 2), (-0.3, 0)])
-def test_hands_hold_what_is_carried_before_the_trunk(
-    device: Device, ahead: float, hands: int
-) -> None:
+def test_hands_hold_what_is_before_the_trunk(device: Device, ahead: float, hands: int) -> None:
     """Both hands from below or beside; none holds what is on the back."""
     ends = np.array([[ahead, 0.1, 0.1], [ahead, 0.1, 0.3]])
     parts = [

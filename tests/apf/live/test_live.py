@@ -182,9 +182,7 @@ def film(
     return list(pictures)
 
 
-def test_with_one_camera_left_the_run_ends_and_what_was_tracked_is_kept(
-    filmed: Path, tmp_path: Path, monkeypatch
-) -> None:
+def test_with_one_camera_left_the_run_ends(filmed: Path, tmp_path: Path, monkeypatch) -> None:
     names = film(monkeypatch, filmed, dict.fromkeys(["cam01", "cam02", "cam03"], 12), 40)
     said = fail(*live(filmed, tmp_path / "out", "--captures", *names))
     assert "too few cameras are left" in " ".join(said.split())
@@ -193,9 +191,7 @@ def test_with_one_camera_left_the_run_ends_and_what_was_tracked_is_kept(
     assert not list((tmp_path / "out").glob("parts/*"))
 
 
-def test_a_camera_that_goes_is_told_and_used_again_when_it_comes_back(
-    filmed: Path, tmp_path: Path, monkeypatch
-) -> None:
+def test_a_camera_that_goes_and_comes_back(filmed: Path, tmp_path: Path, monkeypatch) -> None:
     names = film(monkeypatch, filmed, {"cam03": 12}, 60, back_after=40)
     ended = succeed(*live(filmed, tmp_path / "out", "--captures", *names))
     said = " ".join(ended.err.split())
@@ -207,9 +203,7 @@ def test_a_camera_that_goes_is_told_and_used_again_when_it_comes_back(
     assert len(track) > 12 and not track.lost.all()
 
 
-def test_poses_are_on_disk_while_a_run_goes_on_and_stay_there_if_the_disk_is_full(
-    filmed: Path, tmp_path: Path, monkeypatch
-) -> None:
+def test_poses_stay_on_disk_when_it_is_full(filmed: Path, tmp_path: Path, monkeypatch) -> None:
     """In parts that can be joined."""
 
     def full(*_: object) -> None:
@@ -247,9 +241,7 @@ def test_what_a_thread_raises_ends_the_run(filmed: Path, monkeypatch: pytest.Mon
     assert isinstance(result.error, InputError) and "torn" in str(result.error)
 
 
-def test_a_frame_is_observed_before_the_next_one_takes_its_place(
-    filmed: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_frames_are_observed_in_their_turn(filmed: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """On a GPU: all observations lie in one place, where the last frame's are."""
     run, there, observed = prepared(filmed), [-1], list[tuple[int, int]]()
 
@@ -356,9 +348,7 @@ def test_two_people_have_a_tracker_each(filmed: Path) -> None:
     np.testing.assert_allclose(both.result.newest[1].pose, aside, atol=1e-6)
 
 
-def test_several_people_are_tracked_by_voxels_in_a_stated_volume(
-    filmed: Path, tmp_path: Path
-) -> None:
+def test_several_people_need_voxels_and_a_volume(filmed: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     said = fail(*live(filmed, out, "--people", "2", "--objective", "sp"))
     assert "--objective sp tracks one person" in said

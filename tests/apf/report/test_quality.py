@@ -93,9 +93,7 @@ def test_a_wrong_limb_is_named(change: dict, part: str, scene: Scene, good: Qual
 
 
 @pytest.mark.parametrize(("covering", "share"), [(4, 1.0), (3, 1.0), (2, 0.5), (0, 0.5)])
-def test_what_most_cameras_see_behind_the_body_is_explained(
-    covering: int, share: float, scene: Scene
-) -> None:
+def test_what_cameras_see_behind_the_body(covering: int, share: float, scene: Scene) -> None:
     """A hull of few cameras fills the gaps of somebody who bends. A camera that furniture hides
     the place from says nothing."""
     rig, track = scene[0].rig, scene[1]
@@ -111,9 +109,7 @@ def test_what_most_cameras_see_behind_the_body_is_explained(
     assert np.isnan(measure_explained(rig, points[:0], cones, drawings, known))
 
 
-def test_what_nothing_was_compared_with_or_is_short_is_not_called_good(
-    scene: Scene, good: Quality
-) -> None:
+def test_unjudged_and_short_tracks_are_not_called_good(scene: Scene, good: Quality) -> None:
     track = scene[1]
     unjudged, short = Quality(track, None), replace(good, track=replace(good.track, fps=30.0))
     for quality, said in (

@@ -97,9 +97,7 @@ def test_before_there_is_a_good_frame_the_misfit_of_an_accepted_start_is_no_sign
 
 
 @pytest.mark.parametrize(("misfit", "stands_still"), [(0.7, False), (0.95, True)])
-def test_a_misfitting_pose_that_two_searches_find_is_followed(
-    misfit: float, stands_still: bool
-) -> None:
+def test_a_misfit_that_two_searches_find_is_followed(misfit: float, stands_still: bool) -> None:
     """Hulls of few cameras misfit the right pose; from `WORST` on nobody is seen."""
     near, wide = OnALine(0.1), OnALine(1.0)
     tracker = RecoveringTracker(near, lambda: wide)
@@ -122,9 +120,7 @@ def test_in_frames_without_a_person_nobody_is_searched() -> None:
     assert [e.present for e in found] == [True, False, False, True]
 
 
-def test_one_who_leaves_and_comes_back_elsewhere_is_tracked_again(
-    device: Device, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_who_comes_back_is_tracked_again(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
     """Frames 4 to 6 show nobody; from frame 7 on the person stands a metre further on, where the
     search everywhere, which test_start.py tests, finds him roughly."""
 

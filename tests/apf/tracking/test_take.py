@@ -107,9 +107,7 @@ def test_the_start_is_where_the_person_stands_whole() -> None:
 
 
 @pytest.mark.parametrize("ended", [KeyboardInterrupt(), DeviceError("the device was lost")])
-def test_the_first_pass_counts_if_the_second_one_does_not_end(
-    monkeypatch: pytest.MonkeyPatch, ended: BaseException
-) -> None:
+def test_the_first_pass_counts_alone(monkeypatch: pytest.MonkeyPatch, ended: BaseException) -> None:
     def end(*args: object) -> Take:
         raise ended
 
@@ -133,9 +131,7 @@ def test_the_first_pass_counts_if_the_second_one_does_not_end(
 
 
 @pytest.mark.parametrize("ended", [KeyboardInterrupt(), DeviceError("the device was lost")])
-def test_headings_are_not_compared_by_tracks_that_ended_early(
-    monkeypatch: pytest.MonkeyPatch, ended: BaseException
-) -> None:
+def test_ended_tracks_decide_nothing(monkeypatch: pytest.MonkeyPatch, ended: BaseException) -> None:
     track = walker()
     error = ended if isinstance(ended, DeviceError) else None
     tracked = Tracked([track if error else track.as_interrupted], error)

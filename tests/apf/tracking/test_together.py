@@ -62,7 +62,7 @@ def test_a_stream_tracks_everybody_of_a_size_of_their_own(device: Device) -> Non
     assert max(film.miss(person, 3, estimates[person]) for person in (0, 1)) < 0.15
 
 
-def test_one_person_is_tracked_as_alone_and_one_of_two_takes_nothing_of_the_other(
+def test_one_is_tracked_as_alone_and_of_two_each_apart(
     device: Device,
 ) -> None:
     method = Method.create(n_particles=60, n_layers=4)

@@ -137,9 +137,7 @@ def pose_of_two(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return out
 
 
-def test_several_people_are_triangulated_apart(
-    folder: Path, pose_of_two: Path, tmp_path: Path
-) -> None:
+def test_people_are_triangulated_apart(folder: Path, pose_of_two: Path, tmp_path: Path) -> None:
     flags = ["--keypoints", str(pose_of_two), "--people", "auto", "--frames", "5:35"]
     assert "person2: " in succeed(*command(folder, tmp_path / "out", *flags)).out
     people = apf.PeopleTracks.open(tmp_path / "out")
@@ -155,9 +153,7 @@ def test_several_people_are_triangulated_apart(
     assert "assigned in all cameras" in said
 
 
-def test_several_people_are_tracked_by_keypoints_alone(
-    folder: Path, pose_of_two: Path, tmp_path: Path
-) -> None:
+def test_people_are_tracked_by_keypoints(folder: Path, pose_of_two: Path, tmp_path: Path) -> None:
     flags = ["--keypoints", str(pose_of_two), "--objective", "keypoints", "--frames", "5:7"]
     flags += ["--body", "song31", "--particles", "60", "--layers", "3", "--no-overlay"]
     flags += ["--no-report"]

@@ -231,9 +231,7 @@ def test_kept_frames_are_restored_about_the_foreground(device: Device) -> None:
 
 
 @pytest.mark.parametrize("ending", [KeyboardInterrupt(), InputError("a torn file")])
-def test_what_ends_the_frames_is_raised_after_them(
-    short_windows: None, ending: BaseException
-) -> None:
+def test_what_ends_frames_is_raised_after_them(short_windows: None, ending: BaseException) -> None:
     back, found = Follower(), list[tuple[int, list[Estimate]]]()
     with pytest.raises(type(ending)):
         track_both_ways(found, back, frames(7, ending))
@@ -242,9 +240,7 @@ def test_what_ends_the_frames_is_raised_after_them(
 
 @pytest.mark.parametrize("ending", [KeyboardInterrupt(), DeviceError("the device is lost")])
 @pytest.mark.parametrize(("n", "kept"), [(7, 7), (25, 12)])
-def test_what_ends_the_way_back_leaves_the_way_ahead(
-    short_windows: None, ending: BaseException, n: int, kept: int
-) -> None:
+def test_the_way_back_ends(short_windows: None, ending: BaseException, n: int, kept: int) -> None:
     """All of it, be it the whole take or its first window."""
 
     def progress(stage: str) -> None:
