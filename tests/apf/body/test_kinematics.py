@@ -6,11 +6,7 @@ from helpers import bodies
 from scipy.spatial.transform import Rotation
 
 from apf.body.jacobian import bone_point_jacobian, cone_moves, distance_jacobian
-from apf.body.kinematics import (
-    bone_matrices,
-    posed_cones,
-    posed_joints,
-)
+from apf.body.kinematics import bone_matrices, posed_cones, posed_joints
 from apf.body.limbs import (
     add_ankles,
     limb_joints,
@@ -141,9 +137,8 @@ def test_cones_slide_and_turn_and_points_on_bones_move_as_stated(name: str) -> N
 def test_distances_to_the_nearest_cone_change_as_stated(name: str) -> None:
     body = bodies.named(name)
     pose = bodies.random_poses(body, 1)[0]
-    points = bodies.surface_points(body, pose, 100) + np.random.default_rng(0).normal(
-        0, 0.02, (100, 3)
-    )
+    off = np.random.default_rng(0).normal(0, 0.02, (100, 3))
+    points = bodies.surface_points(body, pose, 100) + off
     distance, rows = distance_jacobian(body, pose, points)
     for dof in range(body.n_dof):
         moved = distance_jacobian(body, stepped(body, pose)[dof], points)[0]

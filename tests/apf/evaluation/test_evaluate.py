@@ -32,6 +32,7 @@ def test_mean_and_lost_share() -> None:
     evaluation = evaluate(track, truth)
     assert evaluation.mean_error == pytest.approx(0.5 / 2 / 15)
     assert evaluation.lost_share == pytest.approx(1 / 30)
+    assert not any(evaluation.lost_limbs.values())
     np.testing.assert_allclose(evaluation.frame_errors, [0.5 / 15] * 15 + [0] * 15)
     row = next(row for row in evaluation.joint_table() if row["joint"] == "l_knee")
     assert (row["mean_mm"], row["median_mm"], row["max_mm"]) == (250, 250, 500)
@@ -59,7 +60,6 @@ def test_constant_part_turns_with_the_body() -> None:
         (slice(5, 16), True),
         (slice(28, 30), True),  # at the end
         (slice(28, 29), False),
-        (slice(0, 0), False),
     ],
 )
 def test_lost_limbs(rows: slice, lost: bool) -> None:
@@ -74,15 +74,11 @@ def test_frames_are_matched_by_index_and_gaps_in_the_truth_counted() -> None:
     truth = tracks.truth_of(track)
     joints = truth.joints[:12].copy()
     joints[0] = np.nan  # frame 10: nothing known
-    joints[3, 4, 1] = np.nan
-    joints[:, EVALUATED_JOINTS.index("neck")] = np.nan
-    truth = replace(truth, joints=joints, frames=truth.frames[:12])
-    evaluation = evaluate(track, truth)
+    joints[3, 4, 1] = joints[:, EVALUATED_JOINTS.index("neck")] = np.nan
+    evaluation = evaluate(track, replace(truth, joints=joints, frames=truth.frames[:12]))
     np.testing.assert_array_equal(evaluation.frames, np.arange(11, 22))
-    assert evaluation.mean_error == 0
-    assert evaluation.n_ignored == 14 + 1 + 12
-    assert "neck" not in evaluation.joint_names
-    assert "neck" in evaluation.unmatched_truth
+    assert evaluation.mean_error == 0 and evaluation.n_ignored == 14 + 1 + 12
+    assert "neck" in set(evaluation.unmatched_truth) - set(evaluation.joint_names)
     assert evaluation.warnings == ("the truth covers 12 of the track's 20 frames",)
     assert evaluation.summary()["constant_mm"] is None  # no body frame without the neck
 

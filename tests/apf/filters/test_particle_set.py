@@ -93,13 +93,7 @@ def test_children_are_reflected_at_the_limits() -> None:
 class Layer:
     """A `ParticleSet` of `n` particles whose frame, parents and weights the test sets."""
 
-    def __init__(
-        self,
-        device: Device,
-        body: BodyModel,
-        n: int,
-        **settings: float,
-    ) -> None:
+    def __init__(self, device: Device, body: BodyModel, n: int, **settings: float) -> None:
         settings = {"n_layers": 3, "trunk_layers": 0, "seed": 0x12345_6789ABCD, **MILD} | settings
         self.config = FilterConfig.create(n_particles=n, **settings).search
         self.set = ParticleSet(device, body, self.config)

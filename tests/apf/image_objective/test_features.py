@@ -63,15 +63,13 @@ def test_masks_and_twin_agree_exactly(device: Device, edges, proximity) -> None:
 def test_background_and_twin_agree(device: Device) -> None:
     rig = scenes.ring(3)
     masks = scenes.masks_of(rig)
-    frame = scenes.frame(images=pictures(rig, masks))
-    maps, roi, expected, expected_roi = both(
-        device, rig, plate(rig), frame, FeatureConfig(edges="sobel", proximity=FAR, **WIDE)
-    )
+    frame, config = scenes.frame(images=pictures(rig, masks)), FeatureConfig(proximity=FAR, **WIDE)
+    config = config.replace(edges="sobel")
+    maps, roi, expected, expected_roi = both(device, rig, plate(rig), frame, config)
     assert np.abs(roi - expected_roi).max() <= 8  # a cell may have one pixel more
     assert (maps[..., 0] != expected[..., 0]).mean() < 1e-3
     assert (maps[..., 1] != expected[..., 1]).mean() < 2e-2  # a moved edge moves what is near it
-    true = masks > 0
-    found = maps[..., 0] > 0
+    true, found = masks > 0, maps[..., 0] > 0
     assert (true & found).sum() > 0.85 * (true | found).sum()
 
 
