@@ -7,13 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from apf.body.jacobian import bone_point_jacobian, cone_moves, distance_jacobian
 from apf.body.kinematics import bone_matrices, posed_cones, posed_joints
-from apf.body.limbs import (
-    add_ankles,
-    limb_joints,
-    limb_masks,
-    limb_names,
-    solve_inverse_kinematics,
-)
+from apf.body.limbs import add_ankles, limb_joints, limb_masks, limb_names, solve_inverse_kinematics
 from apf.body.model import BodyModel
 from apf.body.posing import Kinematics
 from apf.body.stature import stature

@@ -8,11 +8,7 @@ from helpers.outlines import RIG, outlines_in, outlines_of
 from apf.body.kinematics import posed_cones, posed_joints
 from apf.body.limbs import add_ankles
 from apf.body.stature import lowest_point
-from apf.initialisation.personal import (
-    Outlines,
-    PersonalFit,
-    PersonalShape,
-)
+from apf.initialisation.personal import Outlines, PersonalFit, PersonalShape
 from apf.tracking.uncertainty import is_inside_ellipsoid
 
 SONG = add_ankles(bodies.named("song32"))

@@ -15,11 +15,7 @@ from apf.body.toml import load_body
 from apf.likelihood.base import Likelihood
 from apf.likelihood.config import EXCHANGE_COST, KeypointConfig
 from apf.likelihood.keypoints import KeypointLikelihood
-from apf.likelihood.observations import (
-    Observed,
-    PointObservations,
-    make_empty_observations,
-)
+from apf.likelihood.observations import Observed, PointObservations, make_empty_observations
 from apf.reference.likelihood.keypoints import NumpyKeypointLikelihood, missed_shares
 from apf.scene import Scene
 from cl import Device

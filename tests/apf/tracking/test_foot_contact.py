@@ -8,12 +8,7 @@ from apf.body.kinematics import posed_cones
 from apf.body.limbs import add_ankles
 from apf.body.stature import lowest_point
 from apf.body.toml import load_body
-from apf.tracking.foot_contact import (
-    detect_flat_feet,
-    detect_standing,
-    find_ankles,
-    raise_soles,
-)
+from apf.tracking.foot_contact import detect_flat_feet, detect_standing, find_ankles, raise_soles
 from apf.tracking.smoothing import SmoothingConfig, smooth_track
 from apf.tracking.track import Track
 from psfs.common.numbers import find_true_runs

@@ -18,11 +18,7 @@ from apf.filters.base import Estimate
 from apf.initialisation.kept_voxels import RestoredVoxels, crop_voxels
 from apf.reference.likelihood.voxel import uncrop
 from apf.tracking.limb_confidence import LEAST_DISTANCE, SAME_PLACE
-from apf.tracking.two_way import (
-    TwoWays,
-    fuse_passes,
-    smooth_poses,
-)
+from apf.tracking.two_way import TwoWays, fuse_passes, smooth_poses
 from cl import Device, DeviceError, InputError, NumpyDevice
 
 BODY = load_body("song31")
