@@ -116,8 +116,6 @@ def test_several_poses_at_once(device: Device) -> None:
 
 
 RIG = scenes.ring(3, size=(640, 480))
-#: GPUs take a step and the next linear system in one launch, CPUs in two.
-OTHER_KIND = pytest.mark.parity("tracking/refinement.refine_on", "tracking/refinement.refine_step")
 
 
 def test_finds_the_way_back_by_what_cameras_see() -> None:
@@ -141,14 +139,24 @@ def test_finds_the_way_back_by_what_cameras_see() -> None:
 @pytest.mark.parametrize(
     ("name", "n_voxels", "n_points"),
     [
-        *(pytest.param("song31", *n, marks=OTHER_KIND) for n in ((0, 0), (300, 70), (300, 0))),
+        *(
+            pytest.param(
+                "song31",
+                *n,
+                marks=pytest.mark.parity(
+                    "tracking/refinement.refine_on", "tracking/refinement.refine_step"
+                ),
+            )
+            for n in ((0, 0), (300, 70), (300, 0))
+        ),
         ("stick", 0, 1),
         ("stick", 300, 0),
     ],
 )
 def test_twin_on_observed_points(device: Device, name: str, n_voxels: int, n_points: int) -> None:
-    """Some of them behind a camera, wrong, or the other side's. The other kind of work-groups is
-    left to one body: their kernels take 5 s to compile."""
+    """Some of them behind a camera, wrong, or the other side's. The other kind of work-groups, which
+    take a step and the next system in one launch or two, is left to one body: their kernels take
+    5 s to compile."""
     body, random = bodies.named(name), np.random.default_rng(n_points)
     kinds = [device] if name == "stick" else [device, other_kind(device)]
     config = CONFIG.with_changes(n_points=max(1, n_voxels))
