@@ -154,9 +154,8 @@ def test_finds_the_way_back_by_what_cameras_see() -> None:
     ],
 )
 def test_twin_on_observed_points(device: Device, name: str, n_voxels: int, n_points: int) -> None:
-    """Some of them behind a camera, wrong, or the other side's. The other kind of work-groups, which
-    take a step and the next system in one launch or two, is left to one body: their kernels take
-    5 s to compile."""
+    """Some of them behind a camera, wrong, or the other side's. The other kind of work-groups is
+    left to one body: their kernels take 5 s to compile."""
     body, random = bodies.named(name), np.random.default_rng(n_points)
     kinds = [device] if name == "stick" else [device, other_kind(device)]
     config = CONFIG.with_changes(n_points=max(1, n_voxels))

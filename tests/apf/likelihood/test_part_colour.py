@@ -123,6 +123,7 @@ def test_codes_agree_with_the_twin(device: Device) -> None:
     assert (found == HIDDEN).sum() > 100 and 0.02 < (found != NOTHING).mean() < 0.9
 
 
+@pytest.mark.parity("tracking/part_colour.count_colours", "tracking/part_colour.learn_colours")
 def test_trackers_learn_at_their_estimates(device: Device) -> None:
     """How, test_terms.py compares with the twin."""
     world = World(device)
