@@ -40,9 +40,6 @@ def test_a_cone_is_a_rectangle_with_two_edges() -> None:
     assert edges.sum() == 2 * 60
     hidden = flat_body(FRONT, UPRIGHT[None], np.zeros(1, bool), np.ones((1, 2), bool))
     assert not hidden[1].any()
-
-
-def test_round_ends_show_an_edge_where_they_are_free() -> None:
     parts, edges = drawn([UPRIGHT], (False, True), round_ends=True)
     assert parts.sum() == pytest.approx(20 * 60 + np.pi * 10**2, rel=0.02)
     rows, _ = np.nonzero(parts)

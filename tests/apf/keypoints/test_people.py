@@ -215,10 +215,6 @@ def test_the_person_that_all_cameras_see_alike_is_followed(tmp_path: Path) -> No
     read = Keypoints.open(tmp_path, RIG)
     np.testing.assert_array_equal(read.points, subject.points)
     assert "up to 2 persons in a picture" in read.notes[0]
-
-
-def test_of_two_alike_one_is_followed_in_all_cameras(tmp_path: Path) -> None:
-    """Each is the larger one in two cameras."""
     sequence = psfs.open_sequence(footage.native(tmp_path / "take", views=4, frames=FRAMES))
     both = [walked(dx, dy, sequence.rig) for dx, dy in ((0.5, 0.2), (-0.6, -0.2))]
     write_shuffled(tmp_path, *both)

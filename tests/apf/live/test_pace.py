@@ -85,16 +85,14 @@ def test_a_search_of_any_size() -> None:
 COSTS = [0.01, 0.02, 0.03, 0.04]
 
 
-def test_the_search_takes_what_processing_leaves() -> None:
+def test_the_search_takes_what_processing_leaves_and_shrinks_and_grows() -> None:
     assert Governor(0.06, COSTS, 0.02).chosen == 2  # 0.85 * 0.06 - 0.02
     assert Governor(0.06, COSTS, 0.02, overlaps=True).chosen == 3
     assert Governor(0.03, COSTS, 0.025).chosen == 0  # there is nothing smaller
     # Without a rate to be kept it may take as long as the processing.
     assert Governor(0.03, COSTS, 0.025, generous=True).chosen == 1
     assert Governor(1.0, COSTS, 0.02, generous=True).chosen == 3
-
-
-def test_a_search_that_takes_too_long_shrinks_and_grows_again() -> None:
+    # What takes too long shrinks, and grows again.
     governor = Governor(0.05, COSTS, 0.01)
 
     def chosen_after(slower: float, processing: float = 0.01) -> int:
