@@ -79,7 +79,7 @@ def test_a_gpus_work_groups_draw_the_same(device: Device, monkeypatch: pytest.Mo
     rendered.check_pictures(device, body, rig, poses, cone_mesh(body, 18))
 
 
-def test_a_users_mesh_is_read(tmp_path: Path) -> None:
+def test_a_users_mesh_is_read_and_wrong_ones_named(tmp_path: Path) -> None:
     body = bodies.named("stick")
     vertices, faces, weights = blob(body)
     trimesh.Trimesh(vertices, faces, process=False).export(tmp_path / "person.ply")
@@ -94,13 +94,6 @@ def test_a_users_mesh_is_read(tmp_path: Path) -> None:
     assert set(rigid.bones[:, 0]) <= {0, 1, 2}
     low = vertices[:, 2] < 0.25
     assert (rigid.bones[low & (vertices[:, 0] > 0.05), 0] == 0).any()
-
-
-def test_wrong_meshes_are_named(tmp_path: Path) -> None:
-    body = bodies.named("stick")
-    pose = body.rest_pose
-    vertices, faces, weights = blob(body)
-    trimesh.Trimesh(vertices, faces, process=False).export(tmp_path / "b.ply")
     for arrays, message in (
         ({"weights": weights[1:]}, r"expected \(162, 3\)"),
         ({"weights": 0 * weights}, "a vertex without"),
@@ -109,6 +102,6 @@ def test_wrong_meshes_are_named(tmp_path: Path) -> None:
     ):
         np.savez(tmp_path / "w.npz", **arrays)
         with pytest.raises(InputError, match=rf"w\.npz: .*{message}"):
-            load_mesh(tmp_path / "b.ply", body, pose, tmp_path / "w.npz")
+            load_mesh(tmp_path / "person.ply", body, body.rest_pose, tmp_path / "w.npz")
     with pytest.raises(InputError, match="20 vertices per part"):
         cone_mesh(body, 20)

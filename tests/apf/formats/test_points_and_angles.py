@@ -68,7 +68,7 @@ def test_c3d_has_events_as_laboratories_write_them(tmp_path: Path) -> None:
     np.testing.assert_allclose(group["TIMES"]["value"], [[0, 1], [0.25, 1.5]])
 
 
-def test_c3d_goes_on_in_a_file_beside_it(tmp_path: Path) -> None:
+def test_c3d_goes_on_in_a_file_beside_it_after_so_many_frames_or_points(tmp_path: Path) -> None:
     most = 65534
     points = np.zeros((most + 9, 1, 3))
     points[:, 0, 0] = np.linspace(0, 1, most + 9)
@@ -82,9 +82,6 @@ def test_c3d_goes_on_in_a_file_beside_it(tmp_path: Path) -> None:
     minutes, seconds = files[1]["parameters"]["EVENT"]["TIMES"]["value"]
     np.testing.assert_allclose(60 * minutes + seconds, [0, 0.05], atol=1e-4)
     assert files[0]["parameters"]["EVENT"]["USED"]["value"].tolist() == [1]
-
-
-def test_c3d_of_more_points_than_it_can_label(tmp_path: Path) -> None:
     names = tuple(f"p{number}" for number in range(300))
     points = np.arange(2 * 300 * 3.0).reshape(2, 300, 3)
     written = write_c3d(tmp_path / "a.c3d", JointSeries(names, points, 9.0, np.array([7, 8])))

@@ -35,7 +35,9 @@ def track() -> Track:
     )
 
 
-def test_points_and_angles_are_missing_where_the_limb_is_lost(track: Track) -> None:
+def test_points_and_angles_are_missing_where_the_limb_is_lost_and_poses_bridge_it(
+    track: Track,
+) -> None:
     points, angles = track.points, track.angles
     missing = dict(zip(points.joint_names, np.isnan(points.joints).any(2).T, strict=True))
     for name in ("l_elbow", "l_wrist", "l_hand"):
@@ -44,9 +46,7 @@ def test_points_and_angles_are_missing_where_the_limb_is_lost(track: Track) -> N
     assert np.isnan(angles["l_elbow_flexion"][LOST]).all()
     assert all(np.isfinite(angles[name]).all() for name in ("r_elbow_flexion", "l_knee_flexion"))
     assert np.isfinite(track.joints).all()  # the raw ones stay
-
-
-def test_a_moving_body_bridges_it(track: Track) -> None:
+    # Where a whole body is needed, its poses go on from one side to the other.
     elbow, hip = (track.dof_names.index(name) for name in ("l_forearm.ry", "l_thigh.ry"))
     poses = track.motion.poses
     ends = track.poses[[9, 14], elbow]

@@ -66,6 +66,9 @@ def search_everywhere(person: float) -> list[np.ndarray]:
         # Who is gone is lost, and the last good pose held.
         ({}, (0.0, 0.05, 50.0, 50.0, 0.1, 0.15), (0.0, 0.05, 0.05, 0.05, 0.1, 0.15), [2, 3], {}),
         ({"recovers": False}, (0.0, 50.0), (0.0, 0.0), [], {}),
+        # Frames from 40 on show too little for anybody to be searched.
+        ({"everywhere": search_everywhere, "enough": lambda place: place < 40},
+         (0.05, 50.0, 51.0, 0.1), (0.05, 0.05, 0.05, 0.1), [1, 2], {}),
         # Who is elsewhere is searched everywhere.
         ({"everywhere": search_everywhere}, (0.0, 50.0, 50.05), (0.0, 50.0, 50.05), [],
          {1: GLOBAL_RESTART}),
@@ -83,6 +86,8 @@ def test_people_who_jump_leave_and_come_back(
     )
     assert [e.pose[0] for e in found] == list(poses)
     assert [k for k, e in enumerate(found) if e.lost] == lost
+    enough = settings.get("enough", lambda place: True)
+    assert [e.present for e in found] == [enough(at) for at in places]
     assert [e.restart for e in found] == [restarted.get(k, TRACKED) for k in range(len(places))]
     assert len({len(e.ess) for e in found}) == 1  # though the wide search has more layers
     assert all(
@@ -106,18 +111,6 @@ def test_a_misfit_that_two_searches_find_is_followed(misfit: float, stands_still
     found = [tracker.step(place) for place in (0.05, 0.1, 0.15)]
     assert all(e.lost and e.restart == TRACKED for e in found)
     assert [e.pose[0] for e in found] == ([0.0] * 3 if stands_still else [0.05, 0.1, 0.15])
-
-
-def test_in_frames_without_a_person_nobody_is_searched() -> None:
-    """Frames from 40 on show too little."""
-    searches: list[float] = []
-    tracker = RecoveringTracker(
-        OnALine(0.1), lambda: OnALine(1.0), lambda p: searches.append(p) or [],
-        enough=lambda place: place < 40,
-    )  # fmt: skip
-    found = run(tracker, [0.05, 50.0, 51.0, 0.1])
-    assert [e.lost for e in found] == [False, True, True, False] and not searches
-    assert [e.present for e in found] == [True, False, False, True]
 
 
 def test_who_comes_back_is_tracked_again(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
