@@ -83,7 +83,7 @@ def test_frames_are_matched_by_index_and_gaps_in_the_truth_counted() -> None:
     assert evaluation.summary()["constant_mm"] is None  # no body frame without the neck
 
 
-def test_truth_of_another_rate_is_taken_at_the_frames_times() -> None:
+def test_truth_of_another_rate_or_without_a_pelvis() -> None:
     track = tracks.walker()
     truth = tracks.truth_of(track)
     double = np.repeat(truth.joints, 2, axis=0)
@@ -92,6 +92,11 @@ def test_truth_of_another_rate_is_taken_at_the_frames_times() -> None:
     found = evaluate(track, replace(truth, joints=double, frames=frames, fps=2 * track.fps))
     assert found.mean_error < 1e-6
     np.testing.assert_array_equal(found.frames, evaluate(track, truth).frames)
+    evaluation = evaluate(track, replace(truth, joint_names=("", *truth.joint_names[1:])))
+    hips = truth.joints[:, [EVALUATED_JOINTS.index(f"{s}_hip") for s in "lr"]].mean(axis=1)
+    expected = np.linalg.norm(truth.joints[:, 0] - hips, axis=-1)
+    pelvis = evaluation.joint_names.index("pelvis")
+    np.testing.assert_allclose(evaluation.errors[:, pelvis], expected, atol=1e-12)
 
 
 @pytest.mark.parametrize("ending", [".trc", ".c3d", ".npz"])
@@ -120,16 +125,6 @@ def test_names_of_other_programs() -> None:
     mixamo = ["mixamorig:Hips", "mixamorig:LeftUpLeg", "mixamorig:LeftLeg", "mixamorig:LeftHand"]
     assert match_joints(mixamo) == {"pelvis": 0, "l_hip": 1, "l_knee": 2, "l_wrist": 3}
     assert match_joints(["left_elbow", "Right Ankle"]) == {"l_elbow": 0, "r_ankle": 1}
-
-
-def test_pelvis_from_the_hips() -> None:
-    track = tracks.walker()
-    truth = tracks.truth_of(track)
-    evaluation = evaluate(track, replace(truth, joint_names=("", *truth.joint_names[1:])))
-    hips = truth.joints[:, [EVALUATED_JOINTS.index(f"{s}_hip") for s in "lr"]].mean(axis=1)
-    expected = np.linalg.norm(truth.joints[:, 0] - hips, axis=-1)
-    pelvis = evaluation.joint_names.index("pelvis")
-    np.testing.assert_allclose(evaluation.errors[:, pelvis], expected, atol=1e-12)
 
 
 # The command ------------------------------------------------------------------------------------

@@ -50,7 +50,7 @@ def test_a_tracked_body_with_noise() -> None:
     assert plain["events"][0]["step_length_m"] is None
 
 
-def test_who_does_not_walk() -> None:
+def test_who_does_not_walk_or_is_lost_between_steps() -> None:
     walker, upper = strider(60), load_body("rymut31_upper")
     for track in (
         tracks.walker(0),
@@ -60,9 +60,6 @@ def test_who_does_not_walk() -> None:
         track_of_poses(upper, np.tile(upper.rest_pose, (60, 1))),
     ):
         assert measure_gait(track) is None
-
-
-def test_no_step_is_counted_across_lost_frames() -> None:
     track = strider(300)
     whole, parted = measure_gait(track), measure_gait(tracks.lose(track, np.arange(100, 110)))
     assert whole is not None and parted is not None
