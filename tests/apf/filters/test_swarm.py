@@ -127,14 +127,7 @@ def test_limits_hold(device: Device, search: str) -> None:
     assert pose[knee] < 0.05
 
 
-def test_a_given_sigma_z(device: Device) -> None:
-    both = (run("sir", d, config_of("sir"), 2, SirConfig(sigma_z=0.2))[0] for d in (device, None))
-    for a, b in zip(*both, strict=True):
-        assert a.beta[0] == pytest.approx(25)
-        assert a.ess[0] == pytest.approx(b.ess[0], rel=1e-3)
-
-
-def test_the_swarms_factors(device: Device) -> None:
+def test_factors_of_the_searches(device: Device) -> None:
     """Without attraction nothing moves after the scattering; its twin agrees for odd factors."""
     still = SwarmConfig(inertia=0.0, cognitive=0.0, social=0.0)
     estimate = run("pso", device, config_of("pso"), 1, still)[0][0]
@@ -142,3 +135,7 @@ def test_the_swarms_factors(device: Device) -> None:
     odd = SwarmConfig(inertia=0.3, cognitive=0.5, social=2.5)
     found, expected = (run("pso", d, config_of("pso"), 1, odd)[0][0] for d in (device, None))
     np.testing.assert_allclose(found.pose, expected.pose, atol=0.02 * SONG.sigma.max())
+    both = (run("sir", d, config_of("sir"), 2, SirConfig(sigma_z=0.2))[0] for d in (device, None))
+    for a, b in zip(*both, strict=True):
+        assert a.beta[0] == pytest.approx(25)
+        assert a.ess[0] == pytest.approx(b.ess[0], rel=1e-3)

@@ -225,15 +225,6 @@ def test_samples_outside_the_picture_do_not_count() -> None:
         assert not image_errors(FRONT, cones, maps, np.array([[6, 5]])).any()
 
 
-def test_surface_points_are_spread_evenly() -> None:
-    centres = np.arange(30.0).reshape(10, 3)
-    np.testing.assert_array_equal(sampled_surface(centres, 10), centres)
-    np.testing.assert_array_equal(sampled_surface(centres, 5), centres[::2])
-    counts = np.bincount((sampled_surface(centres, 25)[:, 0] / 3).astype(int))
-    assert len(counts) == 10 and set(counts) == {2, 3}
-    assert sampled_surface(centres[:0], 5).shape == (0, 3)
-
-
 def test_surface_error_is_a_half_at_its_scale() -> None:
     cones = np.concatenate([UPRIGHT, UPRIGHT + np.eye(1, CONE_FLOATS)])  # the second leans away
     near = np.array([[0.1, 0, 0.0], [0.0, -0.1, 0.3]])
@@ -244,6 +235,12 @@ def test_surface_error_is_a_half_at_its_scale() -> None:
     far = np.array([[9.0, 0, 0]])
     assert 0.999 < surface_errors(far, UPRIGHT, 0.05)[0] < 1
     np.testing.assert_array_equal(surface_errors(near[:0], cones, 0.05), [1, 1])
+    centres = np.arange(30.0).reshape(10, 3)
+    np.testing.assert_array_equal(sampled_surface(centres, 10), centres)
+    np.testing.assert_array_equal(sampled_surface(centres, 5), centres[::2])
+    counts = np.bincount((sampled_surface(centres, 25)[:, 0] / 3).astype(int))
+    assert len(counts) == 10 and set(counts) == {2, 3}
+    assert sampled_surface(centres[:0], 5).shape == (0, 3)
 
 
 def test_overlap_of_parts() -> None:
