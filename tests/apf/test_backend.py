@@ -4,11 +4,7 @@ import pytest
 from helpers import bodies, scenes
 from helpers.worlds import World
 
-from apf.backend import (
-    make_device_tracker,
-    make_feature_extractor,
-    make_feature_observer,
-)
+from apf.backend import make_device_tracker, make_feature_observer
 from apf.filters.method import Method
 from apf.image_objective.features import Features
 from apf.reference.image_objective.features import NumpyFeatures
@@ -34,6 +30,5 @@ def test_observers_take_outlines_without_pictures(device: Device, kind: str) -> 
 
     method = Method.create("pso", "sp")
     seen = make_feature_observer(chosen, Footage(), method.features)(scenes.frame(masks=masks))
-    assert type(seen) is type(make_feature_extractor(chosen, world.rig, None))
     assert type(seen) is (Features if kind == "opencl" else NumpyFeatures)
     assert seen.config == method.features.replace(edges="outline")  # there are no pictures

@@ -1,5 +1,6 @@
 """Body meshes: frusta, users' meshes, and their rendering compared with the twin."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -7,15 +8,11 @@ import pytest
 import trimesh
 from helpers import bodies, rendered, scenes
 from helpers.kinds import other_kind
-from helpers.parity import traced
 
 import apf.image_objective.renderer
-from apf.body.cones import FAR_OUT
 from apf.body.mesh import FRUSTUM_VERTICES, BodyMesh, cone_mesh, load_mesh, skinned_mesh
 from apf.body.model import BodyModel
 from apf.body.toml import load_body
-from apf.image_objective.renderer import draw_hypotheses
-from apf.scene import Scene
 from cl import Device, InputError
 
 
@@ -66,36 +63,11 @@ def test_a_skinned_mesh_rests_where_it_was_bound() -> None:
     assert mesh.names == ("l_lower", "upper")
 
 
-@pytest.mark.parity("image/render_mesh.count_pixels")
-def test_pictures_of_frusta_equal_the_twins(device: Device) -> None:
+@pytest.mark.parity("image/skin.project_vertices", "image/render_mesh.count_pixels")
+@pytest.mark.parametrize("mesh_of", [lambda body: cone_mesh(body, 66), soft_mesh])
+def test_pictures_equal_the_twins(device: Device, mesh_of: Callable[..., BodyMesh]) -> None:
     body, rig = bodies.named("stick"), scenes.ring(3, (161, 123))
-    poses = bodies.scattered_poses(body, 6)
-    rendered.check_pictures(device, body, rig, poses, cone_mesh(body, 66))
-
-
-@pytest.mark.parity("image/skin.project_vertices")
-@pytest.mark.parametrize("n", [1, 7])
-def test_projected_vertices_agree_with_the_twin(device: Device, n: int) -> None:
-    body, rig = bodies.named("stick"), scenes.ring(2, (97, 75))
-    mesh, poses = soft_mesh(body), bodies.scattered_poses(body, n)
-    with traced("image/skin.project_vertices") as launches:
-        draw_hypotheses(Scene(device, rig, None, body), poses, mesh)
-    found = np.concatenate([launch.after["pixels"] for launch in launches], axis=1)
-    vertices, middles = mesh.posed(body, poses.astype(float))
-    for camera, pixels in zip(rig, found, strict=True):
-        expected, depth = camera.project(vertices.reshape(-1, 3))
-        shown = pixels[:, : mesh.n_vertices].reshape(-1, 2)
-        seen = (depth > 0.05) & (np.abs(expected) < 1e4).all(1)
-        np.testing.assert_allclose(shown[seen], expected[seen], rtol=1e-4, atol=0.01)
-        assert (shown[depth < -0.05] >= FAR_OUT).all()
-        away = np.linalg.norm(middles - camera.centre, axis=-1)
-        np.testing.assert_allclose(pixels[:, mesh.n_vertices :, 0], away, rtol=1e-5)
-    assert seen.any()
-
-
-def test_pictures_of_a_skinned_mesh_equal_the_twins(device: Device) -> None:
-    body, rig = bodies.named("stick"), scenes.ring(2, (97, 75))
-    rendered.check_pictures(device, body, rig, bodies.scattered_poses(body, 6), soft_mesh(body))
+    rendered.check_pictures(device, body, rig, bodies.scattered_poses(body, 6), mesh_of(body))
 
 
 def test_a_gpus_work_groups_draw_the_same(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -107,7 +79,7 @@ def test_a_gpus_work_groups_draw_the_same(device: Device, monkeypatch: pytest.Mo
     rendered.check_pictures(device, body, rig, poses, cone_mesh(body, 18))
 
 
-def test_a_users_mesh_is_read(tmp_path: Path) -> None:
+def test_a_users_mesh_is_read_and_wrong_ones_named(tmp_path: Path) -> None:
     body = bodies.named("stick")
     vertices, faces, weights = blob(body)
     trimesh.Trimesh(vertices, faces, process=False).export(tmp_path / "person.ply")
@@ -122,18 +94,6 @@ def test_a_users_mesh_is_read(tmp_path: Path) -> None:
     assert set(rigid.bones[:, 0]) <= {0, 1, 2}
     low = vertices[:, 2] < 0.25
     assert (rigid.bones[low & (vertices[:, 0] > 0.05), 0] == 0).any()
-
-
-def test_wrong_meshes_are_named(tmp_path: Path) -> None:
-    body = bodies.named("stick")
-    pose = body.rest_pose
-    (tmp_path / "a.ply").write_text("no mesh")
-    with pytest.raises(InputError, match=r"a\.ply: not a mesh"):
-        load_mesh(tmp_path / "a.ply", body, pose)
-    with pytest.raises(InputError, match=r"none\.ply"):
-        load_mesh(tmp_path / "none.ply", body, pose)
-    vertices, faces, weights = blob(body)
-    trimesh.Trimesh(vertices, faces, process=False).export(tmp_path / "b.ply")
     for arrays, message in (
         ({"weights": weights[1:]}, r"expected \(162, 3\)"),
         ({"weights": 0 * weights}, "a vertex without"),
@@ -142,6 +102,6 @@ def test_wrong_meshes_are_named(tmp_path: Path) -> None:
     ):
         np.savez(tmp_path / "w.npz", **arrays)
         with pytest.raises(InputError, match=rf"w\.npz: .*{message}"):
-            load_mesh(tmp_path / "b.ply", body, pose, tmp_path / "w.npz")
+            load_mesh(tmp_path / "person.ply", body, body.rest_pose, tmp_path / "w.npz")
     with pytest.raises(InputError, match="20 vertices per part"):
         cone_mesh(body, 20)

@@ -20,9 +20,7 @@ def made(kind: str, cores: int | None, ms: float) -> dict[str, Any]:
     return column
 
 
-def test_devices_are_compared_with_one_core(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_devices_beside_one_core(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Of every device in turn; the first frame, which is worked on twice, does not count."""
     monkeypatch.setattr(timings, "make_problem", lambda frames: None)
     monkeypatch.setattr(timings, "column", lambda place, *_: made("gpu", None, 2.0))

@@ -3,6 +3,7 @@
 import json
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,8 @@ import pytest
 from helpers import tracks
 from helpers.commands import succeed
 
-from apf.evaluation.people import evaluate_people, evaluate_tracks
+from apf.cli.batch_take import compare_with_truth
+from apf.evaluation.people import evaluate_people
 from apf.evaluation.truth import load_people_truth
 from apf.formats.trc import JointSeries
 from apf.tracking.people import PeopleTracks
@@ -31,6 +33,13 @@ def pair(*xs: float) -> tuple[PeopleTracks, dict[str, JointSeries]]:
     ones = tuple(walker_at(x) for x in xs)
     truth = {f"at {x}": tracks.truth_of(one) for x, one in zip(xs, ones, strict=True)}
     return PeopleTracks(ones, FRAMES, (FRAMES,) * len(ones)), truth
+
+
+def save_truth(path: Path, truth: dict[str, JointSeries], **changes: Any) -> None:
+    """Write the joints of all people as `truth.npz` has them, with other arrays."""
+    names = np.array(truth["at 0"].joint_names)
+    arrays = {"joints": np.stack([of.joints for of in truth.values()], axis=1)} | changes
+    np.savez(path, joint_names=names, fps=60.0, **arrays)
 
 
 def test_perfect_tracks_in_another_order() -> None:
@@ -84,17 +93,15 @@ def test_a_match_lasts_while_it_is_near() -> None:
 
 def test_npz_of_all_people(tmp_path: Path) -> None:
     _, truth = pair(0, 1)
-    joints = np.stack([of.joints for of in truth.values()], axis=1)
-    names = np.array(truth["at 0"].joint_names)
     path = tmp_path / "truth.npz"
-    np.savez(path, joint_names=names, joints=joints, fps=60.0, person_names=["a", "a"])
+    save_truth(path, truth, person_names=["a", "a"])
     read = load_people_truth(path)
     assert list(read) == ["person1 (a)", "person2 (a)"]
     np.testing.assert_array_equal(read["person2 (a)"].joints, truth["at 1"].joints)
-    np.savez(path, joint_names=names, joints=joints[:, 0], fps=60.0)
+    save_truth(path, truth, joints=truth["at 0"].joints)
     (one,) = load_people_truth(path).values()  # of one person
     np.testing.assert_array_equal(one.joints, truth["at 0"].joints)
-    np.savez(path, joint_names=names, joints=joints[0, 0], fps=60.0)
+    save_truth(path, truth, joints=truth["at 0"].joints[0])
     with pytest.raises(InputError, match="joints"):
         load_people_truth(path)
 
@@ -102,12 +109,9 @@ def test_npz_of_all_people(tmp_path: Path) -> None:
 def test_command_compares_all_people(tmp_path: Path) -> None:
     people, truth = pair(0, 1)
     people.save(tmp_path / "out")
-    offset = np.array([0.01, 0, 0])
-    joints = np.stack([of.joints for of in truth.values()], axis=1) + offset
-    names = np.array(truth["at 0"].joint_names)
-    file = tmp_path / "truth.npz"
-    np.savez(file, joint_names=names, joints=joints, fps=60.0)
-    out = tmp_path / "figures"
+    file, out = tmp_path / "truth.npz", tmp_path / "figures"
+    off = [of.joints + np.array([0.01, 0, 0]) for of in truth.values()]
+    save_truth(file, truth, joints=np.stack(off, axis=1))
     command = ["evaluate", str(tmp_path / "out"), "--truth", str(file), "-o", str(out)]
     said = succeed("apf", *command, "--json", "--csv").out
     assert "identity switches: 0" in said
@@ -129,28 +133,38 @@ def test_command_compares_all_people(tmp_path: Path) -> None:
         ({}, ""),
     ],
 )
-def test_a_truth_that_does_not_fit_several_people_is_named(
-    tmp_path: Path, change: dict[str, Any], said: str
-) -> None:
+def test_a_truth_that_fits_nobody(tmp_path: Path, change: dict[str, Any], said: str) -> None:
     people, truth = pair(0, 3)
     people.save(tmp_path / "out")
     joints = np.stack([of.joints for of in truth.values()], axis=1)[: change.get("n", N)]
     joints = joints * change.get("scale", 1.0) + change.get("shift", 0.0)
-    names = np.array(truth["at 0"].joint_names)
-    np.savez(tmp_path / "t.npz", joint_names=names, joints=joints, fps=people[0].fps)
+    save_truth(tmp_path / "t.npz", truth, joints=joints)
     command = ["evaluate", str(tmp_path / "out"), "--truth", str(tmp_path / "t.npz"), "--json"]
     printed = succeed("apf", *command).out
     assert said in printed and ("warning" in printed) == bool(said)
 
 
 def test_each_track_is_compared_with_its_own_person(tmp_path: Path) -> None:
-    """As in the rows of `apf batch`: tracks in another order, one of nobody, one alone."""
+    """As in the rows of `apf batch`: two seeds, people in another order, one of nobody, one
+    alone."""
     people, truth = pair(0, 1)
-    joints = np.stack([of.joints for of in truth.values()], axis=1)
-    names, path = np.array(truth["at 0"].joint_names), tmp_path / "truth.npz"
-    np.savez(path, joint_names=names, joints=joints, fps=60.0)
+    save_truth(tmp_path / "truth.npz", truth)
     tracks = (walker_at(3), people[1], people[0])
-    found = evaluate_tracks(tracks, (FRAMES,) * 3, path)
-    assert [of if of is None else of.mean_error for of in found] == [None, 0, 0]
-    (alone,) = evaluate_tracks(tracks[1:2], (FRAMES,), path)
-    assert alone is not None and alone.mean_error == 0
+
+    def finished(track: Track) -> Any:
+        judged = [SimpleNamespace(quality=SimpleNamespace(seen=None))] * 2
+        off = replace(track, joints=track.joints + np.array([0.01, 0, 0]))
+        sequence = SimpleNamespace(folder=tmp_path)
+        take = SimpleNamespace(tracks=[track, off], sequence=sequence)
+        return SimpleNamespace(take=take, judgements=judged)
+
+    everybody = list(map(finished, tracks))
+    for chosen, expected in (
+        (everybody, [[None, None], [0, 10], [0, 10]]),
+        (everybody[1:2], [[0, 10]]),
+    ):
+        found = compare_with_truth(chosen)
+        errors = [[of and round(1000 * of.mean_error, 6) for of in person] for person in found]
+        assert errors == expected
+    (tmp_path / "truth.npz").unlink()
+    assert compare_with_truth(everybody) == [[None, None]] * 3

@@ -7,15 +7,7 @@ from apf.filters.config import FilterConfig, SearchConfig
 from apf.filters.term_weights import parse_weights
 
 
-def test_schedules() -> None:
-    config = SearchConfig(
-        n_layers=5, first_survival=0.6, last_survival=0.2, noise=2.0, noise_decay=0.5
-    )
-    np.testing.assert_allclose(config.survival_rates, [0.6, 0.5, 0.4, 0.3, 0.2])
-    np.testing.assert_allclose(config.layer_noise, [2, 1, 0.5, 0.25, 0.125])
-
-
-def test_single_settings_find_their_parts() -> None:
+def test_single_settings_find_their_parts_and_schedules() -> None:
     config = FilterConfig.create(
         n_layers=3, surface_weight=0.1, part_colour_weight=0.5, refinement_steps=1
     )
@@ -30,3 +22,7 @@ def test_single_settings_find_their_parts() -> None:
     assert parse_weights("surface=2.5")["surface_weight"] == 2.5
     with pytest.raises(TypeError, match="no setting of a filter: two_sided"):
         FilterConfig.create(two_sided=1.0)
+    rates = {"first_survival": 0.6, "last_survival": 0.2}
+    search = SearchConfig(n_layers=5, noise=2.0, noise_decay=0.5, **rates)
+    np.testing.assert_allclose(search.survival_rates, [0.6, 0.5, 0.4, 0.3, 0.2])
+    np.testing.assert_allclose(search.layer_noise, [2, 1, 0.5, 0.25, 0.125])

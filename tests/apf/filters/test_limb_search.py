@@ -1,6 +1,7 @@
 """The search for limbs: kernels against the twin, and use."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -28,9 +29,16 @@ from apf.scene import Scene
 from cl import Array, Device
 from psfs.common.cones import cone_distances
 
+SONG = load_body("song31")
 CONFIG = FilterConfig.create(
     n_particles=150, n_points=400, refinement_steps=5, limb_search_reach=12.0
 )
+
+
+def miss_wrist(pose: np.ndarray, true: np.ndarray) -> float:
+    """The left wrist's distance, m, from that of the true pose."""
+    wrists = posed_joints(SONG, np.stack([pose, true]))[:, SONG.joint_names.index("l_wrist")]
+    return float(np.linalg.norm(wrists[1] - wrists[0]))
 
 
 class Nearness(Likelihood):
@@ -68,17 +76,16 @@ def run_search(
 
 
 def test_proposals_move_one_limb_within_limits() -> None:
-    body = load_body("song31")
-    mean = bodies.random_poses(body, 1)[0]
-    poses, which = propose(body, mean, CONFIG, 3)
+    mean = bodies.random_poses(SONG, 1)[0]
+    poses, which = propose(SONG, mean, CONFIG, 3)
     np.testing.assert_array_equal(poses[0], mean)
-    assert np.all((poses >= body.lower) & (poses <= body.upper))
-    limbs = limb_masks(body)
+    assert np.all((poses >= SONG.lower) & (poses <= SONG.upper))
+    limbs = limb_masks(SONG)
     for pose, limb in zip(poses[1:], which[1:], strict=True):
         assert np.all((pose != mean) <= limbs[limb % len(limbs)])
     near = np.abs(poses - mean)[(which >= 0) & (which < len(limbs))].max(1)
     assert near[-20:].mean() > 3 * near[:20].mean()
-    lower, upper = body.lower[limbs[0]], body.upper[limbs[0]]
+    lower, upper = SONG.lower[limbs[0]], SONG.upper[limbs[0]]
     share = (poses[which == len(limbs)][:, limbs[0]] - lower) / (upper - lower)
     assert share.min() < 0.1 and share.max() > 0.9 and abs(share.mean() - 0.5) < 0.1
 
@@ -87,63 +94,36 @@ def test_proposals_move_one_limb_within_limits() -> None:
     "tracking/limb_search.propose", "tracking/limb_search.choose", "tracking/limb_search.accept"
 )
 @pytest.mark.parametrize(("n_particles", "n_points"), [(3, 5), (37, 400), (150, 400)])
-def test_each_kernel_agrees_with_the_twin(device: Device, n_particles: int, n_points: int) -> None:
-    """On what it gets: what the kernels before it left."""
-    body = load_body("song31")
-    config = CONFIG.with_changes(
-        n_particles=n_particles, n_points=n_points, first_survival=0.9, last_survival=0.6,
-        refinement_steps=1,
-    )  # fmt: skip
-    pose = bodies.random_poses(body, 1)[0].astype(np.float32)
-    likelihood = Nearness(device, body, bodies.surface_points(body, pose, n_points))
-    likelihood.errors = device.zeros((n_particles,), np.float32)
-    mean = np.clip(pose + 2 * body.sigma, body.lower, body.upper).astype(np.float32)
-    with (
-        traced("tracking/limb_search.propose") as proposing,
-        traced("tracking/limb_search.choose") as choosing,
-        traced("tracking/limb_search.accept") as accepting,
-    ):
-        run_search(device, body, likelihood, mean, config)
-    expected, which = propose(body, mean.astype(float), config, 7)
-    np.testing.assert_allclose(proposing[0].after["poses"], expected, atol=5e-5)
-
-    given, n_limbs = choosing[0].before, len(limb_masks(body))
-    candidates = [mean]
-    for kind in range(2 * n_limbs):
-        tried = np.flatnonzero(which == kind)
-        least = tried[given["errors"][tried].argmin()] if len(tried) else 0
-        candidates.append(given["poses"][least])
-    found = choosing[0].after["candidates"].reshape(-1, body.n_dof)
-    np.testing.assert_array_equal(found, candidates)
-    again, _ = propose(body, mean.astype(float), config, 7, round=1, best=found[1:].astype(float))
-    np.testing.assert_allclose(choosing[0].after["poses"], again, atol=5e-5)
-    last = choosing[-1]
-    np.testing.assert_array_equal(last.after["poses"], last.before["poses"])
-
-    given, found = accepting[0].before, accepting[0].after
-    margins = 1 - np.repeat(np.float32(given["margins"]), n_limbs)
-    gains = given["errors"][0] * margins - given["errors"][1:]
-    best = int(np.r_[0.0, gains].argmax())
-    taken = given["candidates"].reshape(-1, body.n_dof)[best]
-    np.testing.assert_array_equal(found["result"].ravel(), taken)
-    np.testing.assert_allclose(found["shift"], taken - mean, atol=1e-6)
-    informations = given["informations"].reshape(len(candidates), -1)
-    np.testing.assert_array_equal(found["information"], informations[best])
+def test_kernels_and_twin_on_voxels(device: Device, n_particles: int, n_points: int) -> None:
+    size = {"n_particles": n_particles, "n_points": n_points, "refinement_steps": 1}
+    config = CONFIG.with_changes(first_survival=0.9, last_survival=0.6, **size)
+    pose = bodies.random_poses(SONG, 1)[0].astype(np.float32)
+    kernels = Nearness(device, SONG, bodies.surface_points(SONG, pose, n_points))
+    kernels.errors = device.zeros((n_particles,), np.float32)
+    mean = np.clip(pose + 2 * SONG.sigma, SONG.lower, SONG.upper).astype(np.float32)
+    found, shift, information, candidates, errors = run_search(device, SONG, kernels, mean, config)
+    twin: Any = SimpleNamespace(points=kernels.host_points, observed=None)
+    twin.rescore = lambda poses, stride, *_: kernels.rescore(poses, stride)
+    expected = search_limbs(SONG, twin, mean.astype(float), config, 7)
+    np.testing.assert_allclose(found, expected.pose, atol=1e-4)
+    np.testing.assert_allclose(shift, found - mean, atol=1e-6)
+    lower = expected.information[np.tril_indices(SONG.n_dof)]
+    np.testing.assert_allclose(information, lower, atol=1e-3 * np.abs(lower).max())
+    np.testing.assert_allclose(candidates.reshape(-1, SONG.n_dof), expected.candidates, atol=1e-4)
+    np.testing.assert_allclose(errors, expected.errors, atol=1e-4)
 
 
 def test_a_lost_arm_is_found(device: Device) -> None:
     """Within a few frames; refinement alone leaves it where it is."""
-    body = load_body("song31")
-    pose, wrist = bodies.bent(body, l_upper_arm__rx=0.9), body.joint_names.index("l_wrist")
-    points = bodies.surface_points(body, pose, CONFIG.likelihood.n_points)
-    likelihood = Nearness(device, body, points)
+    pose = bodies.bent(SONG, l_upper_arm__rx=0.9)
+    points = bodies.surface_points(SONG, pose, CONFIG.likelihood.n_points)
+    likelihood = Nearness(device, SONG, points)
 
-    def miss(config: FilterConfig, n_frames: int = 8) -> float:
-        found = body.rest_pose
-        for frame in range(n_frames):
-            found = run_search(device, body, likelihood, found, config.with_changes(seed=frame))[0]
-        reached, wanted = (posed_joints(body, p[None])[0, wrist] for p in (found, pose))
-        return float(np.linalg.norm(reached - wanted))
+    def miss(config: FilterConfig) -> float:
+        found = SONG.rest_pose
+        for frame in range(8):
+            found = run_search(device, SONG, likelihood, found, config.with_changes(seed=frame))[0]
+        return miss_wrist(found, pose)
 
     assert miss(CONFIG) < 0.08
     assert miss(CONFIG.with_changes(limb_search_reach=0.0)) > 0.3
@@ -151,29 +131,22 @@ def test_a_lost_arm_is_found(device: Device) -> None:
 
 def test_an_arm_is_where_its_points_are_seen(monkeypatch: pytest.MonkeyPatch) -> None:
     """From a mean whose arm hangs: with them among the poses that are tried, else not."""
-    body, rig = load_body("song31"), scenes.ring(4, size=(640, 480))
-    pose = bodies.bent(body, l_upper_arm__rx=2.2)
-    scene = Scene(None, rig, None, body)  # type: ignore[arg-type]
+    rig, pose = scenes.ring(4, size=(640, 480)), bodies.bent(SONG, l_upper_arm__rx=2.2)
+    scene = Scene(None, rig, None, SONG)  # type: ignore[arg-type]
     likelihood = NumpyKeypointLikelihood(scene, KeypointConfig(weight=4.0), 0.02)
-    seen = seen_points(body, pose, rig, 60)
+    seen = seen_points(SONG, pose, rig, 60)
     likelihood.observe(Observed(None, replace(seen, partner=np.full(len(seen), -1))))
-    wrist = body.joint_names.index("l_wrist")
     config = CONFIG.with_changes(limb_search_reach=1.0)  # which does not reach it otherwise
     monkeypatch.setattr(limb_search, "MARGINS", (0.01, 1.0))
-
-    def miss() -> float:
-        found = search_limbs(body, likelihood, body.rest_pose, config, 3).pose
-        reached, wanted = (posed_joints(body, p[None])[0, wrist] for p in (found, pose))
-        return float(np.linalg.norm(reached - wanted))
-
-    assert miss() < 0.03
+    search = (SONG, likelihood, SONG.rest_pose, config, 3)
+    assert miss_wrist(search_limbs(*search).pose, pose) < 0.03
     held = property(lambda config: GaussNewtonFit(steps=6, width=1e-3, point_reach=60.0))
     monkeypatch.setattr(FilterConfig, "point_fit", held)
-    assert miss() > 0.2
+    assert miss_wrist(search_limbs(*search).pose, pose) > 0.2
 
 
 @pytest.mark.parity("tracking/limb_search.propose", "tracking/refinement.refine_system")
-def test_kernels_and_twin_on_observed_points(device: Device) -> None:
+def test_twin_on_observed_points(device: Device) -> None:
     body, rig = load_body("song31"), scenes.ring(3, size=(640, 480))
     config = CONFIG.with_changes(refinement_steps=2)
     pose = bodies.random_poses(body, 1)[0]

@@ -14,7 +14,7 @@ from apf.filters.searches import OBJECTIVES, SEARCHES
 from apf.takes.start import read_given_start
 from apf.tracking.pipeline import TrackingRun, TrackingTask, track_people
 from apf.tracking.track import Track
-from cl import Device, InputError, NumpyDevice
+from cl import Device, NumpyDevice
 from psfs.sequence import Sequence
 from psfs.session import Session, SessionSettings
 from psfs.volume import automatic_grid
@@ -76,9 +76,3 @@ def test_twins(start, search: str, objective: str) -> None:
     # One voxel of 650 at the threshold is rounded differently, which changes the surface's samples.
     tolerance = 0.015 if method.uses_voxels else 2e-3
     np.testing.assert_allclose(tracks[0].poses, tracks[1].poses, atol=tolerance)
-
-
-def test_unknown_ones() -> None:
-    for *wrong, said in (("genetic", "sp", "is 'genetic'"), ("pso", "best", "is 'best'")):
-        with pytest.raises(InputError, match=f"{said}; expected"):
-            Method.create(*wrong)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 from helpers import bodies
@@ -29,21 +31,20 @@ def errors_of(kind: str, n: int) -> np.ndarray:
     """(n,) float32 errors of particles."""
     random = np.random.default_rng(n)
     spread = random.gamma(4.0, 2.0, n)
-    kinds = {
-        "spread": spread,
-        "large": 5000 + spread,
-        "narrow": 3 + 1e-4 * spread,
-        "equal": np.full(n, 2.5),
-        "zero": np.zeros(n),
-        "one dominant": np.where(np.arange(n) == n // 3, 0.01, 1e4),
-        "half the best": np.where(np.arange(n) % 2 == 0, 1.0, 1.0 + spread),
-        "one hopeless": np.where(np.arange(n) == n - 1, 1e30, spread),
-    }
-    return kinds[kind].astype(np.float32)
+    return KINDS[kind](np.arange(n), spread).astype(np.float32)
 
 
-KINDS = ["spread", "large", "narrow", "equal", "zero"]
-KINDS += ["one dominant", "half the best", "one hopeless"]
+#: Errors of particles of these numbers, of others that are spread.
+KINDS: dict[str, Callable[[np.ndarray, np.ndarray], np.ndarray]] = {
+    "spread": lambda k, spread: spread,
+    "large": lambda k, spread: 5000 + spread,
+    "narrow": lambda k, spread: 3 + 1e-4 * spread,
+    "equal": lambda k, spread: np.full(len(k), 2.5),
+    "zero": lambda k, spread: np.zeros(len(k)),
+    "one dominant": lambda k, spread: np.where(k == len(k) // 3, 0.01, 1e4),
+    "half the best": lambda k, spread: np.where(k % 2 == 0, 1.0, 1.0 + spread),
+    "one hopeless": lambda k, spread: np.where(k == len(k) - 1, 1e30, spread),
+}
 
 
 @pytest.mark.parametrize("rate", [0.5, 0.2, 0.05])
@@ -92,13 +93,7 @@ def test_children_are_reflected_at_the_limits() -> None:
 class Layer:
     """A `ParticleSet` of `n` particles whose frame, parents and weights the test sets."""
 
-    def __init__(
-        self,
-        device: Device,
-        body: BodyModel,
-        n: int,
-        **settings: float,
-    ) -> None:
+    def __init__(self, device: Device, body: BodyModel, n: int, **settings: float) -> None:
         settings = {"n_layers": 3, "trunk_layers": 0, "seed": 0x12345_6789ABCD, **MILD} | settings
         self.config = FilterConfig.create(n_particles=n, **settings).search
         self.set = ParticleSet(device, body, self.config)
@@ -181,9 +176,7 @@ def test_estimate_is_the_weighted_mean(device: Device, n: int) -> None:
 
 @pytest.mark.parity("tracking/annealing.end_frame")
 @pytest.mark.parametrize("frame", [0, 1, 5])
-def test_the_end_of_a_frame_reports_all_and_expects_the_change_again(
-    device: Device, frame: int
-) -> None:
+def test_end_of_frame_reports_and_expects_the_change_again(device: Device, frame: int) -> None:
     n, velocity, random = 37, 0.4, np.random.default_rng(0)
     layer = Layer(device, SONG, n, velocity=velocity).at_frame(frame)
     particles = layer.set

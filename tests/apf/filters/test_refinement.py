@@ -19,6 +19,7 @@ from apf.reference.filters.refinement import refine
 from apf.scene import Scene
 from cl import Device
 
+SONG = load_body("song31")
 CONFIG = FilterConfig.create(n_points=300)
 #: Without a prior that is worth mentioning.
 FREE = GaussNewtonFit(steps=8, width=100.0, point_reach=10.0)
@@ -67,29 +68,23 @@ def miss(body: BodyModel, pose: np.ndarray, true: np.ndarray) -> float:
     return float(np.linalg.norm(found - expected, axis=-1).mean())
 
 
-def test_finds_the_way_back() -> None:
-    body = load_body("song31")
-    pose = bodies.random_poses(body, 1)[0]
-    points = bodies.surface_points(body, pose, 600)
-    moved = pose + np.random.default_rng(0).normal(0, 2, body.n_dof) * body.sigma
-    moved = np.clip(moved, body.lower, body.upper)
-    found = refine(body, moved, points, CONFIG, fit=FREE)[0]
-    assert miss(body, found, pose) < 0.2 * miss(body, moved, pose)
-    assert np.all((found >= body.lower) & (found <= body.upper))
-
-
-def test_never_worse_than_the_mean() -> None:
-    body = load_body("song31")
-    mean = bodies.random_poses(body, 1)[0]
+def test_finds_the_way_back_and_is_never_worse_than_the_mean() -> None:
+    pose = bodies.random_poses(SONG, 1)[0]
+    points = bodies.surface_points(SONG, pose, 600)
+    moved = pose + np.random.default_rng(0).normal(0, 2, SONG.n_dof) * SONG.sigma
+    moved = np.clip(moved, SONG.lower, SONG.upper)
+    found = refine(SONG, moved, points, CONFIG, fit=FREE)[0]
+    assert miss(SONG, found, pose) < 0.2 * miss(SONG, moved, pose)
+    assert np.all((found >= SONG.lower) & (found <= SONG.upper))
     points = np.random.default_rng(1).normal(0, 1, (300, 3))  # nothing like a body
 
-    def cost(pose: np.ndarray) -> float:
-        distance = distance_jacobian(body, pose, points)[0]
+    def cost(other: np.ndarray) -> float:
+        distance = distance_jacobian(SONG, other, points)[0]
         share = np.mean(distance**2 / (distance**2 + VOXEL_SCALE**2))
-        away = np.sum(((pose - mean) / prior_deviation(body, CONFIG, FREE)) ** 2)
+        away = np.sum(((other - pose) / prior_deviation(SONG, CONFIG, FREE)) ** 2)
         return float(VOXEL_STRENGTH * share + away)
 
-    assert cost(refine(body, mean, points, CONFIG, fit=FREE)[0]) <= cost(mean)
+    assert cost(refine(SONG, pose, points, CONFIG, fit=FREE)[0]) <= cost(pose)
 
 
 @pytest.mark.parity("tracking/refinement.refine_system", "tracking/refinement.refine_end")
@@ -108,36 +103,16 @@ def test_kernel_and_twin(device: Device, name: str, n_points: int) -> None:
 
 def test_several_poses_at_once(device: Device) -> None:
     """Each is refined as if it were alone."""
-    body = load_body("song31")
-    poses = bodies.random_poses(body, 3).astype(np.float32)
-    points = np.c_[bodies.surface_points(body, poses[1].astype(float), 300), np.ones(300)].astype(
-        np.float32
-    )
-    refinement, found = Refinement(device, body, CONFIG, 3, fit=FREE), device.to_device(poses)
-    for launch in refinement.launcher(device.to_device(points), found):
+    poses = bodies.random_poses(SONG, 3).astype(np.float32)
+    points = bodies.surface_points(SONG, poses[1].astype(float), 300)
+    padded = np.c_[points, np.ones(300)].astype(np.float32)
+    refinement, found = Refinement(device, SONG, CONFIG, 3, fit=FREE), device.to_device(poses)
+    for launch in refinement.launcher(device.to_device(padded), found):
         launch()
     for k, pose in enumerate(poses):
-        alone, information = on_device(device, body, pose, points[:, :3], CONFIG)
+        alone, information = on_device(device, SONG, pose, points, CONFIG)
         np.testing.assert_array_equal(found.get()[k], alone)
         np.testing.assert_array_equal(refinement.information.get()[k], information)
-
-
-@pytest.mark.parity("tracking/refinement.refine_on", "tracking/refinement.refine_step")
-def test_the_other_kind_of_work_groups_finds_the_same(device: Device) -> None:
-    """GPUs take a step and the next linear system in one launch, CPUs in two."""
-    body = bodies.named("song31")
-    pose = bodies.random_poses(body, 1)[0]
-    mean = np.clip(pose + body.sigma, body.lower, body.upper)
-    points = bodies.surface_points(body, pose, 300)
-    with skipped_without_room(device):
-        (one, knows), (two, knows_too) = (
-            on_device(place, body, mean, points, CONFIG) for place in (device, other_kind(device))
-        )
-    np.testing.assert_allclose(one, two, atol=2e-4)
-    np.testing.assert_allclose(knows, knows_too, atol=1e-3 * np.abs(knows).max())
-    expected = refine(body, mean, points, CONFIG, fit=FREE)[0]
-    for found in (one, two):
-        np.testing.assert_allclose(found, expected, atol=5e-4)
 
 
 RIG = scenes.ring(3, size=(640, 480))
@@ -163,11 +138,22 @@ def test_finds_the_way_back_by_what_cameras_see() -> None:
 @pytest.mark.parity("tracking/refinement.refine_system", "tracking/refinement.refine_end")
 @pytest.mark.parametrize(
     ("name", "n_voxels", "n_points"),
-    [("song31", 0, 0), ("song31", 300, 70), ("stick", 0, 1), ("stick", 300, 0)],
+    [
+        *(
+            pytest.param(
+                "song31",
+                *n,
+                marks=pytest.mark.parity(
+                    "tracking/refinement.refine_on", "tracking/refinement.refine_step"
+                ),
+            )
+            for n in ((0, 0), (300, 70), (300, 0))
+        ),
+        ("stick", 0, 1),
+        ("stick", 300, 0),
+    ],
 )
-def test_kernels_and_twin_on_observed_points(
-    device: Device, name: str, n_voxels: int, n_points: int
-) -> None:
+def test_twin_on_observed_points(device: Device, name: str, n_voxels: int, n_points: int) -> None:
     """Some of them behind a camera, wrong, or the other side's. The other kind of work-groups is
     left to one body: their kernels take 5 s to compile."""
     body, random = bodies.named(name), np.random.default_rng(n_points)
@@ -192,9 +178,8 @@ def test_kernels_and_twin_on_observed_points(
 
 
 def test_nothing_to_refine_on(device: Device) -> None:
-    body = load_body("song31")
-    mean = bodies.random_poses(body, 1)[0]
-    found, _ = on_device(device, body, mean, np.empty((0, 3)), CONFIG)
+    mean = bodies.random_poses(SONG, 1)[0]
+    found, _ = on_device(device, SONG, mean, np.empty((0, 3)), CONFIG)
     np.testing.assert_allclose(found, mean, atol=1e-6)
     off = CONFIG.with_changes(refinement_steps=0)
-    assert Refinement(device, body, off).launcher(device.zeros((300, 4), np.float32), mean) == []
+    assert Refinement(device, SONG, off).launcher(device.zeros((300, 4), np.float32), mean) == []

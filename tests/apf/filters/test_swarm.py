@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers import scenes
-from helpers.parity import traced
 
 from apf.body.model import BodyModel
 from apf.body.toml import load_body
@@ -16,7 +15,7 @@ from apf.filters.sir import SirParticleFilter
 from apf.filters.swarm import ParticleSwarm
 from apf.likelihood.base import Likelihood
 from apf.reference.filters.annealed import NumpySirParticleFilter
-from apf.reference.filters.swarm import NumpyParticleSwarm, stop_at_limits, uniform_pairs
+from apf.reference.filters.swarm import NumpyParticleSwarm
 from apf.reference.likelihood.base import NumpyLikelihood
 from apf.scene import Scene
 from cl import Array, Device, NumpyDevice
@@ -61,9 +60,9 @@ def moving(frames: int, step: float = 0.5) -> list[np.ndarray]:
     return list(np.clip(SONG.rest_pose + steps.cumsum(0), SONG.lower, SONG.upper))
 
 
-def scene_on(device: Device | NumpyDevice, body: BodyModel = SONG) -> Scene:
+def scene_on(device: Device | NumpyDevice) -> Scene:
     """A scene without voxels."""
-    return Scene(device, scenes.ring(1), None, body)
+    return Scene(device, scenes.ring(1), None, SONG)
 
 
 def run(search: str, device: Device | None, config: FilterConfig, frames: int, *more: object):
@@ -79,12 +78,20 @@ def config_of(search: str, n: int = 65, **settings: object) -> FilterConfig:
     return FilterConfig.create(n_particles=n, noise=1.0, **{**SEARCHES[search][2], **settings})
 
 
-@pytest.mark.parametrize("search", SEARCHES)
-@pytest.mark.parametrize("settings", [{}, {"velocity": 0.6}, {"n_particles": 300}])
+@pytest.mark.parametrize("search", [
+    pytest.param("pso", marks=pytest.mark.parity(
+        "tracking/swarm.move", "tracking/swarm.update_bests")),
+    pytest.param("sir", marks=pytest.mark.parity("tracking/sir.squared_errors")),
+])  # fmt: skip
+@pytest.mark.parametrize(
+    "settings",
+    [{}, {"velocity": 0.6}, {"n_particles": 2, **MILD}, {"n_particles": 300}, {"noise": 8.0}],
+)
 def test_frames_agree_with_the_twin(device: Device, search: str, settings: dict) -> None:
+    """With much noise particles reach their limits."""
     config = config_of(search).with_changes(**settings)
     for found, expected in zip(
-        run(search, device, config, 3)[0], run(search, None, config, 3)[0], strict=True
+        *(run(search, d, config, 3)[0] for d in (device, None)), strict=True
     ):
         # A choice that rounding decides is rare; it would move the estimate by a share of sigma.
         assert np.all(np.abs(found.pose - expected.pose) <= 0.02 * SONG.sigma)
@@ -92,69 +99,6 @@ def test_frames_agree_with_the_twin(device: Device, search: str, settings: dict)
             np.testing.assert_allclose(
                 getattr(found, field), getattr(expected, field), rtol=0.02, atol=1e-4
             )
-
-
-@pytest.mark.parity("tracking/swarm.move")
-@pytest.mark.parametrize("n", [2, 65, 300])
-def test_moves_agree_with_the_twin(device: Device, n: int) -> None:
-    config, swarm = config_of("pso", n, n_layers=4, **MILD).with_changes(noise=3.0), SwarmConfig()
-    with traced("tracking/swarm.move") as launches:
-        run("pso", device, config, 2)
-    assert len(launches) == 2 * 3
-    stopped = 0
-    for launch in launches:
-        given = launch.before
-        poses, bests = given["poses"].astype(float), given["bests"].astype(float)
-        pairs = uniform_pairs(
-            config.search.seed, given["frame"][0], given["iteration"], poses.shape
-        )
-        velocities = np.zeros(poses.shape)
-        if given["iteration"] > 1:
-            velocities += swarm.inertia * given["velocities"]
-        velocities += swarm.cognitive * pairs[..., 0] * (bests - poses)
-        velocities += swarm.social * pairs[..., 1] * (given["result"][: SONG.n_dof] - poses)
-        expected = stop_at_limits(SONG, poses + velocities, velocities)
-        np.testing.assert_allclose(launch.after["poses"], expected[0], atol=1e-5)
-        np.testing.assert_allclose(launch.after["velocities"], expected[1], atol=1e-5)
-        stopped += np.count_nonzero(expected[1] != velocities)
-    assert stopped > 0 or n == 2
-
-
-@pytest.mark.parity("tracking/swarm.update_bests")
-@pytest.mark.parametrize("n", [2, 65, 300])
-def test_bests_agree_with_the_twin(device: Device, n: int) -> None:
-    """The twin of eq. (2.29)-(2.30), on what the kernel got: everything but the mean is exact."""
-    config, n_dof = config_of("pso", n, n_layers=3, **MILD), SONG.n_dof
-    with traced("tracking/swarm.update_bests") as launches:
-        run("pso", device, config, 2)
-    assert len(launches) == 2 * 3
-    for launch in launches:
-        given, found = launch.before, launch.after
-        better = (given["errors"] < given["best_errors"]) | (given["iteration"] == 0)
-        bests = np.where(better[:, None], given["poses"], given["bests"])
-        errors = np.where(better, given["errors"], given["best_errors"])
-        best = errors.argmin()
-        np.testing.assert_array_equal(found["bests"], bests)
-        np.testing.assert_array_equal(found["best_errors"], errors)
-        np.testing.assert_array_equal(found["parents"], np.full(n, best))
-        np.testing.assert_array_equal(found["result"][:n_dof], bests[best])
-        offsets = bests.astype(float) - bests[best]
-        deviation = np.sqrt((offsets**2).mean(0)) if given["last"] else 0.0
-        np.testing.assert_allclose(found["result"][n_dof : 2 * n_dof], deviation, atol=1e-6)
-        diagnostics = found["result"][2 * n_dof :].reshape(-1, 3)[given["iteration"]]
-        assert diagnostics.tolist() == [better.sum(), 0, errors[best]]
-        assert found["frame"][0] == given["frame"][0] + given["last"]
-
-
-@pytest.mark.parity("tracking/sir.squared_errors")
-@pytest.mark.parametrize("n", [2, 65, 300])
-def test_squares_agree_with_the_twin(device: Device, n: int) -> None:
-    with traced("tracking/sir.squared_errors") as launches:
-        run("sir", device, config_of("sir", n, **MILD), 2)
-    for launch in launches:
-        errors = launch.before["errors"].astype(float)
-        assert errors.any()
-        np.testing.assert_allclose(launch.after["squared"], errors**2, rtol=1e-6)
 
 
 def test_the_swarm_improves_and_follows(device: Device) -> None:
@@ -173,11 +117,9 @@ def test_the_swarm_improves_and_follows(device: Device) -> None:
 def test_limits_hold(device: Device, search: str) -> None:
     """A pose beyond the limits draws the particles to them, and not beyond."""
     config = config_of(search, n_layers=8 if search == "pso" else 1)
-    likelihood = Distance(device, SONG, 65)
-    tracker = SEARCHES[search][0](scene_on(device), likelihood, config)
+    tracker = SEARCHES[search][0](scene_on(device), Distance(device, SONG, 65), config)
     tracker.start(SONG.rest_pose)
-    far = SONG.rest_pose.copy()
-    knee = SONG.dof_names.index("l_calf.ry")
+    knee, far = SONG.dof_names.index("l_calf.ry"), SONG.rest_pose.copy()
     far[knee] = -1.0
     for _ in range(5):
         pose = tracker.step(far).pose
@@ -185,15 +127,7 @@ def test_limits_hold(device: Device, search: str) -> None:
     assert pose[knee] < 0.05
 
 
-def test_a_given_sigma_z(device: Device) -> None:
-    found = run("sir", device, config_of("sir"), 2, SirConfig(sigma_z=0.2))[0]
-    twin = run("sir", None, config_of("sir"), 2, SirConfig(sigma_z=0.2))[0]
-    for a, b in zip(found, twin, strict=True):
-        assert a.beta[0] == pytest.approx(25)
-        assert a.ess[0] == pytest.approx(b.ess[0], rel=1e-3)
-
-
-def test_the_swarms_factors(device: Device) -> None:
+def test_factors_of_the_searches(device: Device) -> None:
     """Without attraction nothing moves after the scattering; its twin agrees for odd factors."""
     still = SwarmConfig(inertia=0.0, cognitive=0.0, social=0.0)
     estimate = run("pso", device, config_of("pso"), 1, still)[0][0]
@@ -201,3 +135,7 @@ def test_the_swarms_factors(device: Device) -> None:
     odd = SwarmConfig(inertia=0.3, cognitive=0.5, social=2.5)
     found, expected = (run("pso", d, config_of("pso"), 1, odd)[0][0] for d in (device, None))
     np.testing.assert_allclose(found.pose, expected.pose, atol=0.02 * SONG.sigma.max())
+    both = (run("sir", d, config_of("sir"), 2, SirConfig(sigma_z=0.2))[0] for d in (device, None))
+    for a, b in zip(*both, strict=True):
+        assert a.beta[0] == pytest.approx(25)
+        assert a.ess[0] == pytest.approx(b.ess[0], rel=1e-3)

@@ -51,25 +51,20 @@ def test_export_writes_the_setup(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     made = {path.name for path in folder.iterdir()}
     assert made == {"generic.osim", "markers.trc", "markers.xml", "scaling.xml", "ik.xml"}
     markers = read_trc(folder / "markers.trc")
-    tasks = {task.get("name") for task in ElementTree.parse(folder / "ik.xml").iter("IKMarkerTask")}
-    placed = {
-        marker.get("name") for marker in ElementTree.parse(folder / "markers.xml").iter("Marker")
-    }
-    assert tasks == placed == set(markers.joint_names)
+    for name, tag in (("ik", "IKMarkerTask"), ("markers", "Marker")):
+        entries = ElementTree.parse(folder / f"{name}.xml").iter(tag)
+        assert {entry.get("name") for entry in entries} == set(markers.joint_names)
     smooth = smooth_track(track)
-    column = markers.joint_names.index("l_wrist")
-    wrist = smooth.joints[:, smooth.joint_names.index("l_wrist")]
-    np.testing.assert_allclose(markers.joints[:, column], wrist, atol=1e-4)
-    front = markers.joints[:, markers.joint_names.index("head_front")]
-    top = smooth.joints[:, smooth.joint_names.index("head_top")]
-    np.testing.assert_allclose(np.linalg.norm(front - top, axis=-1), 0.1, atol=1e-4)
+    wrist, front = (markers.joint_names.index(name) for name in ("l_wrist", "head_front"))
+    wrist_joint, top = (smooth.joint_names.index(name) for name in ("l_wrist", "head_top"))
+    at = markers.joints
+    np.testing.assert_allclose(at[:, wrist], smooth.joints[:, wrist_joint], atol=1e-4)
+    away = np.linalg.norm(at[:, front] - smooth.joints[:, top], axis=-1)
+    np.testing.assert_allclose(away, 0.1, atol=1e-4)
     knee = opensim_coordinates(smooth.its_body, smooth.poses[:1])["knee_angle_r"][0]
-    started = [
-        float(coordinate.findtext("default_value", ""))
-        for coordinate in ElementTree.parse(folder / "generic.osim").iter("Coordinate")
-        if coordinate.get("name") == "knee_angle_r"
-    ]
-    assert started[0] == pytest.approx(min(max(np.radians(knee), 0), 0.01), abs=1e-5)
+    model = ElementTree.parse(folder / "generic.osim")
+    started = model.findtext(".//Coordinate[@name='knee_angle_r']/default_value", "")
+    assert float(started) == pytest.approx(min(max(np.radians(knee), 0), 0.01), abs=1e-5)
 
 
 def test_no_model_for_opensim(tmp_path: Path) -> None:

@@ -53,7 +53,13 @@ def test_ezc3d_reads_points_units_rate_and_residuals(tmp_path: Path) -> None:
 
 
 def test_c3d_has_events_as_laboratories_write_them(tmp_path: Path) -> None:
+    """At most 255, with more of which it could not be read."""
     events = [C3dEvent("Foot Strike", "Left", 0.25), C3dEvent("Foot Off", "Right", 61.5)]
+    write_c3d(tmp_path / "many.c3d", walk().points, 150 * events)
+    file = ezc3d.c3d(str(tmp_path / "many.c3d"))
+    assert file["parameters"]["EVENT"]["USED"]["value"].tolist() == [255]
+    assert len(file["parameters"]["EVENT"]["LABELS"]["value"]) == 255
+    assert file["data"]["points"].shape[2] == len(walk())
     write_c3d(tmp_path / "a.c3d", walk().points, events)
     group = ezc3d.c3d(str(tmp_path / "a.c3d"))["parameters"]["EVENT"]
     assert group["USED"]["value"].tolist() == [2]
@@ -62,22 +68,7 @@ def test_c3d_has_events_as_laboratories_write_them(tmp_path: Path) -> None:
     np.testing.assert_allclose(group["TIMES"]["value"], [[0, 1], [0.25, 1.5]])
 
 
-def test_frames_far_apart(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="too many for a file without times"):
-        replace(strider(3), frames=np.array([0, 1, 10**9])).save(tmp_path / "a.c3d")
-    assert not list(tmp_path.iterdir())
-
-
-def test_c3d_of_a_long_walk_is_whole(tmp_path: Path) -> None:
-    events = [C3dEvent("Foot Strike", "Left", 0.01 * frame) for frame in range(300)]
-    write_c3d(tmp_path / "a.c3d", walk().points, events)
-    file = ezc3d.c3d(str(tmp_path / "a.c3d"))  # with 256 of them it could not be read
-    assert file["parameters"]["EVENT"]["USED"]["value"].tolist() == [255]
-    assert len(file["parameters"]["EVENT"]["LABELS"]["value"]) == 255
-    assert file["data"]["points"].shape[2] == len(walk())
-
-
-def test_c3d_goes_on_in_a_file_beside_it(tmp_path: Path) -> None:
+def test_c3d_goes_on_in_a_file_beside_it_after_so_many_frames_or_points(tmp_path: Path) -> None:
     most = 65534
     points = np.zeros((most + 9, 1, 3))
     points[:, 0, 0] = np.linspace(0, 1, most + 9)
@@ -91,9 +82,6 @@ def test_c3d_goes_on_in_a_file_beside_it(tmp_path: Path) -> None:
     minutes, seconds = files[1]["parameters"]["EVENT"]["TIMES"]["value"]
     np.testing.assert_allclose(60 * minutes + seconds, [0, 0.05], atol=1e-4)
     assert files[0]["parameters"]["EVENT"]["USED"]["value"].tolist() == [1]
-
-
-def test_c3d_of_more_points_than_it_can_label(tmp_path: Path) -> None:
     names = tuple(f"p{number}" for number in range(300))
     points = np.arange(2 * 300 * 3.0).reshape(2, 300, 3)
     written = write_c3d(tmp_path / "a.c3d", JointSeries(names, points, 9.0, np.array([7, 8])))
@@ -105,6 +93,9 @@ def test_c3d_of_more_points_than_it_can_label(tmp_path: Path) -> None:
 
 
 def test_c3d_has_a_frame_for_each_that_was_left_out(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="too many for a file without times"):
+        replace(strider(3), frames=np.array([0, 1, 10**9])).save(tmp_path / "a.c3d")
+    assert not list(tmp_path.iterdir())
     track = replace(strider(3), frames=np.array([4, 6, 10]))
     track.save(tmp_path / "a.c3d")
     file = ezc3d.c3d(str(tmp_path / "a.c3d"))
@@ -120,7 +111,6 @@ def test_trc_has_markers_and_named_axes(tmp_path: Path, axes: str) -> None:
     track.save(tmp_path / "a.trc", axes=axes)
     again = read_trc(tmp_path / "a.trc", axes)
     assert again.joint_names == track.points.joint_names
-    assert {"l_heel", "r_toe", "l_hand"} <= set(again.joint_names)
     np.testing.assert_allclose(again.joints, track.points.joints, atol=1e-6)
     assert np.isnan(again.joints[3]).all()
     table = np.genfromtxt(tmp_path / "a.trc", delimiter="\t", skip_header=5)  # another reader
@@ -128,8 +118,6 @@ def test_trc_has_markers_and_named_axes(tmp_path: Path, axes: str) -> None:
     shown = {"y-up": (x, z, -y), "z-up": (x, y, z), "pose2sim": (y, z, x)}[axes]
     points = table[:, 2:].reshape(10, -1, 3)
     np.testing.assert_allclose(points, np.stack(shown, -1), atol=1e-4)
-    with pytest.raises(InputError, match="axes are 'up'; expected one of y-up"):
-        track.save(tmp_path / "b.trc", axes="up")
 
 
 def read_mot(path: Path) -> dict[str, np.ndarray]:
@@ -209,17 +197,18 @@ def test_points_of_a_track_without_its_body(tmp_path: Path) -> None:
 def test_layout_is_what_opensim_reads(tmp_path: Path) -> None:
     points = np.array([[[1.0, 2.0, 3.0], [np.nan] * 3]])
     write_trc(tmp_path / "a.trc", JointSeries(("head top", "b"), points, 50.0, np.array([10])))
-    lines = (tmp_path / "a.trc").read_text().split("\n")
-    assert lines[0] == "PathFileType\t4\t(X/Y/Z)\ta.trc"
-    assert lines[1].startswith("DataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits\tOrigDataRate")
-    assert lines[2] == "50\t50\t1\t2\tmm\t50\t11\t1"
-    assert lines[3] == "Frame#\tTime\thead_top\t\t\tb\t\t"
-    assert lines[4] == "\t\tX1\tY1\tZ1\tX2\tY2\tZ2"
-    assert lines[5] == ""
+    first, heads, *lines = (tmp_path / "a.trc").read_text().split("\n")
+    assert first == "PathFileType\t4\t(X/Y/Z)\ta.trc"
+    assert heads.startswith("DataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits\tOrigDataRate")
     # World (x, y, z) = (1, 2, 3) m: Y up, X = x, Y = z, Z = -y, mm; a missing point is NaN.
-    assert lines[6] == "11\t0.200000\t1000.00000\t3000.00000\t-2000.00000\tNaN\tNaN\tNaN"
-    assert lines[7:] == [""]
-    assert np.isnan(read_trc(tmp_path / "a.trc").joints[0, 1]).all()
+    assert lines == [
+        "50\t50\t1\t2\tmm\t50\t11\t1",
+        "Frame#\tTime\thead_top\t\t\tb\t\t",
+        "\t\tX1\tY1\tZ1\tX2\tY2\tZ2",
+        "",
+        "11\t0.200000\t1000.00000\t3000.00000\t-2000.00000\tNaN\tNaN\tNaN",
+        "",
+    ]
 
 
 def test_every_other_frame_has_half_the_rate(tmp_path: Path) -> None:
@@ -257,10 +246,8 @@ def test_variants(tmp_path: Path, convention: str, unit: str, blank: str, end: s
     world = {"y-up": [1, -3, 2], "pose2sim": [3, 1, 2], "z-up": [1, 2, 3]}[convention]
     np.testing.assert_allclose(series.joints[0, 0], np.array(world) * (1 if unit == "m" else 1e-3))
 
-
-def test_frames_counted_from_zero_and_short_rows(tmp_path: Path) -> None:
+    # Frames that are counted from zero, and short rows.
     (tmp_path / "a.trc").write_text(trc("0\t0\t1\t2\t3\n1\t0.1\t1\t\t3\t4\t5\t6\n"))
     series = read_trc(tmp_path / "a.trc")
-    np.testing.assert_array_equal(series.frames, [0, 1])
-    assert np.isnan(series.joints[0, 1]).all()
-    assert np.isnan(series.joints[1, 0]).any()
+    assert series.frames.tolist() == [0, 1]
+    assert np.isnan(series.joints[0, 1]).all() and np.isnan(series.joints[1, 0]).any()

@@ -41,21 +41,14 @@ def both(device: Device, rig, background, frame, config):
 @pytest.mark.parametrize(
     ("edges", "proximity"),
     [
-        pytest.param(
-            "sobel",
-            "impulse",
-            marks=pytest.mark.parity(
-                "image/features.gradient_rows", "image/features.gradient_edges"
-            ),
-        ),
-        pytest.param(
-            "canny", "proportional", marks=pytest.mark.parity("image/features.masked_edges")
-        ),
-        pytest.param(
-            "outline", "exponential", marks=pytest.mark.parity("image/features.outline_edges")
-        ),
+        pytest.param("sobel", "impulse", marks=pytest.mark.parity(
+            "image/features.gradient_rows", "image/features.gradient_edges")),
+        pytest.param("canny", "proportional", marks=pytest.mark.parity(
+            "image/features.masked_edges")),
+        pytest.param("outline", "exponential", marks=pytest.mark.parity(
+            "image/features.outline_edges")),
     ],
-)
+)  # fmt: skip
 def test_masks_and_twin_agree_exactly(device: Device, edges, proximity) -> None:
     rig = scenes.ring(3)
     masks = scenes.masks_of(rig)
@@ -70,15 +63,13 @@ def test_masks_and_twin_agree_exactly(device: Device, edges, proximity) -> None:
 def test_background_and_twin_agree(device: Device) -> None:
     rig = scenes.ring(3)
     masks = scenes.masks_of(rig)
-    frame = scenes.frame(images=pictures(rig, masks))
-    maps, roi, expected, expected_roi = both(
-        device, rig, plate(rig), frame, FeatureConfig(edges="sobel", proximity=FAR, **WIDE)
-    )
+    frame, config = scenes.frame(images=pictures(rig, masks)), FeatureConfig(proximity=FAR, **WIDE)
+    config = config.replace(edges="sobel")
+    maps, roi, expected, expected_roi = both(device, rig, plate(rig), frame, config)
     assert np.abs(roi - expected_roi).max() <= 8  # a cell may have one pixel more
     assert (maps[..., 0] != expected[..., 0]).mean() < 1e-3
     assert (maps[..., 1] != expected[..., 1]).mean() < 2e-2  # a moved edge moves what is near it
-    true = masks > 0
-    found = maps[..., 0] > 0
+    true, found = masks > 0, maps[..., 0] > 0
     assert (true & found).sum() > 0.85 * (true | found).sum()
 
 
@@ -100,6 +91,10 @@ def test_region_has_a_margin_and_no_specks() -> None:
     assert region(silhouette, 50).tolist() == [0, 0, 120, 100]
     silhouette[33:61, 42:70] = False
     assert region(silhouette, 10).tolist() == [0, 0, 0, 0]
+    for k, side in enumerate((20, 16, 20, 16, 16)):  # of as many pixels the first blobs count
+        silhouette[16 * k + 8 : 16 * k + 16, 24 * k : 24 * k + side] = True
+    assert region(silhouette, 0, 4).tolist() == [0, 8, 88, 64]
+    assert region(silhouette, 0).tolist() == [0, 8, 112, 80]
 
 
 @pytest.mark.parity("image/features.blob_region")
@@ -117,14 +112,6 @@ def test_regions_of_the_largest_blobs_agree(device: Device, blobs: int) -> None:
     np.testing.assert_array_equal(maps, expected)
     sizes = [roi[view, 2:] - roi[view, :2] for view in range(3)]
     assert (sizes[0] < (rig.width, rig.height)).any() and not roi[2].any()
-
-
-def test_region_of_the_four_largest_blobs() -> None:
-    silhouette = np.zeros((100, 120), bool)
-    for k, side in enumerate((20, 16, 20, 16, 16)):  # of as many pixels the first ones count
-        silhouette[16 * k + 8 : 16 * k + 16, 24 * k : 24 * k + side] = True
-    assert region(silhouette, 0, 4).tolist() == [0, 8, 88, 64]
-    assert region(silhouette, 0).tolist() == [0, 8, 112, 80]
 
 
 def test_sobel_as_opencv_has_it() -> None:
@@ -149,9 +136,7 @@ def test_sobel_as_opencv_has_it() -> None:
         (200, "chessboard", [0.001, 0.2]),
     ],
 )
-def test_distances_are_exact(
-    device: Device, reach: int, metric: str, densities: list[float]
-) -> None:
+def test_exact_distances(device: Device, reach: int, metric: str, densities: list[float]) -> None:
     """Against the twin: a table that tells all squared distances from each other."""
     shape = (2, 61, 193)  # a diagonal of more than 200 px
     roi = np.array([[0, 0, 193, 61], [11, 7, 109, 40]], np.int32)

@@ -40,9 +40,6 @@ def test_a_cone_is_a_rectangle_with_two_edges() -> None:
     assert edges.sum() == 2 * 60
     hidden = flat_body(FRONT, UPRIGHT[None], np.zeros(1, bool), np.ones((1, 2), bool))
     assert not hidden[1].any()
-
-
-def test_round_ends_show_an_edge_where_they_are_free() -> None:
     parts, edges = drawn([UPRIGHT], (False, True), round_ends=True)
     assert parts.sum() == pytest.approx(20 * 60 + np.pi * 10**2, rel=0.02)
     rows, _ = np.nonzero(parts)
@@ -124,28 +121,21 @@ def test_errors_equal_the_twins(device: Device, kind: str) -> None:
     assert np.ptp(expected) > 0.01
 
 
-def test_nothing_seen_is_the_worst() -> None:
-    """Rymut 2016 eq. (4.42): without overlap f is 0; without any pixel nothing is divided by."""
+def test_the_five_functions_by_hand() -> None:
+    """Two cameras: f1 = 0.5 and 1, f2 = 0.25 and 1."""
+    counts = np.array([[[8, 2 * 255, 10, 5]], [[4, 4 * 255, 6, 6]]], float)
+    first, second = 11 / 16, 6 / 12
+    for kind, value in (
+        ("ws", 0.6 * first + 0.4 * second),
+        ("sp", first**0.6 * second**0.4),
+        ("aows", (0.6 * 0.5 + 0.4 * 0.25 + 1) / 2),
+        ("aosp", (0.5**0.6 * 0.25**0.4 + 1) / 2),
+        ("posp", 0.5**0.6 * 0.25**0.4),
+    ):
+        config = ObjectiveConfig(kind=kind, silhouette_weight=0.6, edge_weight=0.4)
+        assert objective_values(counts, np.array([10.0, 6]), config)[0] == pytest.approx(value)
     counts, areas = np.zeros((2, 1, 4)), np.zeros(2)
     for kind in OBJECTIVE_KINDS:
         config = ObjectiveConfig(kind=kind)
         assert objective_values(counts, areas, config) == 0
         assert objective_values(counts, areas + 5, config) == 0
-
-
-def test_the_five_functions_by_hand() -> None:
-    """Two cameras: f1 = 0.5 and 1, f2 = 0.25 and 1."""
-    counts = np.array([[[8, 2 * 255, 10, 5]], [[4, 4 * 255, 6, 6]]], float)
-    areas = np.array([10, 6], float)
-    values = {
-        kind: objective_values(
-            counts, areas, ObjectiveConfig(kind=kind, silhouette_weight=0.6, edge_weight=0.4)
-        )[0]
-        for kind in OBJECTIVE_KINDS
-    }
-    first, second = 11 / 16, 6 / 12
-    assert values["ws"] == pytest.approx(0.6 * first + 0.4 * second)
-    assert values["sp"] == pytest.approx(first**0.6 * second**0.4)
-    assert values["aows"] == pytest.approx((0.6 * 0.5 + 0.4 * 0.25 + 1) / 2)
-    assert values["aosp"] == pytest.approx((0.5**0.6 * 0.25**0.4 + 1) / 2)
-    assert values["posp"] == pytest.approx(0.5**0.6 * 0.25**0.4)

@@ -18,6 +18,7 @@ from apf.initialisation.from_keypoints import (
 )
 from apf.initialisation.start import StartError
 from apf.keypoints.landmarks import locate_points
+from apf.keypoints.readers.orders import MEDIAPIPE
 from apf.likelihood.observations import make_empty_observations
 from cl import InputError
 
@@ -58,6 +59,14 @@ def test_lengths_and_poses_of_a_child_who_turns(clean_start: KeypointStart) -> N
     assert mean_error(clean_start) < 0.03
     assert 0.5 < np.median(clean_start.model.error) < 4
     assert clean_start.anchored[0] == 0
+    seen = clean_start.observations(2)
+    assert len(seen) == seen.most == seen.usual == 4 * 33
+    points, own = clean_start.keypoints.points[:, 2], locate_points(TEMPLATE, MEDIAPIPE)
+    few = clean_start.model.observations(points * np.array([1, *[np.nan] * 3])[:, None, None])
+    assert few.few and not seen.few and not make_empty_observations().few
+    assert (seen.partner[seen.point == 0] == -1).all() and (seen.bone == own.bones).all()
+    knee = own.names.index("l_knee")
+    np.testing.assert_allclose(seen.pixel[seen.point == knee], points[:, own.columns[knee], :2])
 
 
 def test_known_height_and_shape_are_kept() -> None:
@@ -91,32 +100,13 @@ def test_frames_and_keypoints_that_show_nobody() -> None:
     body = child()
     poses = poses_of(body, 4)
     keypoints = of_poses(RIG, body, poses)
-    points = keypoints.points.copy()
-    points[:, :2] = np.nan
-    late = start_from_keypoints(RIG, replace(keypoints, points=points), TEMPLATE, range(4))
-    assert late.frames.tolist() == [2, 3]
-    with pytest.raises(StartError, match="no frame has 6 keypoints"):
-        start_from_keypoints(RIG, replace(keypoints, points=points * np.nan), TEMPLATE, range(4))
+    keypoints.points[:, :2] = np.nan
+    assert start_from_keypoints(RIG, keypoints, TEMPLATE, range(4)).frames.tolist() == [2, 3]
     with pytest.raises(InputError, match="cameras are"):
         start_from_keypoints(scenes.ring(3), keypoints, TEMPLATE, range(4))
-
-
-def test_observations_are_those_of_the_frame(clean_start: KeypointStart) -> None:
-    seen = clean_start.observations(2)
-    assert len(seen) == seen.most == seen.usual == 4 * 33
-    few = clean_start.keypoints.points[:, 2] * np.where(np.arange(4) > 0, np.nan, 1)[:, None, None]
-    assert (
-        clean_start.model.observations(few).few
-        and not seen.few
-        and not make_empty_observations().few
-    )
-    own = locate_points(TEMPLATE, clean_start.keypoints.names)
-    assert (seen.partner[seen.point == 0] == -1).all() and (seen.bone == own.bones).all()
-    row = seen.point == own.names.index("l_knee")
-    np.testing.assert_allclose(
-        seen.pixel[row],
-        clean_start.keypoints.points[:, 2, own.columns[own.names.index("l_knee")], :2],
-    )
+    keypoints.points[:] = np.nan
+    with pytest.raises(StartError, match="no frame has 6 keypoints"):
+        start_from_keypoints(RIG, keypoints, TEMPLATE, range(4))
 
 
 def test_the_pose_of_one_frame() -> None:

@@ -16,12 +16,14 @@ SIZE, MIDDLE = 0.36, np.array([0.42, 0.03, 0.15])
 
 def walking(n: int = 6) -> np.ndarray:
     """(n, D) poses of somebody who walks, turns, and holds the forearms forward."""
-    poses = bodies.random_poses(BODY, n, 5)
-    root = {axis.kind: axis.dof for axis in BODY.bones[0].axes}
-    poses[:, root["tx"]], poses[:, root["ty"]] = np.linspace(-0.5, 0.5, n), 0.1
-    poses[:, root["rz"]] = np.linspace(0, 1.5, n)
-    for side in "lr":
-        poses[:, BODY.dof_names.index(f"{side}_forearm.ry")] = 1.4
+    poses, places = bodies.random_poses(BODY, n, 5), BODY.dof_names.index
+    for name, values in (
+        ("pelvis.tx", np.linspace(-0.5, 0.5, n)),
+        ("pelvis.ty", 0.1),
+        ("pelvis.rz", np.linspace(0, 1.5, n)),
+        *((f"{side}_forearm.ry", 1.4) for side in "lr"),
+    ):
+        poses[:, places(name)] = values
     return poses
 
 

@@ -8,11 +8,7 @@ from helpers.outlines import RIG, outlines_in, outlines_of
 from apf.body.kinematics import posed_cones, posed_joints
 from apf.body.limbs import add_ankles
 from apf.body.stature import lowest_point
-from apf.initialisation.personal import (
-    Outlines,
-    PersonalFit,
-    PersonalShape,
-)
+from apf.initialisation.personal import Outlines, PersonalFit, PersonalShape
 from apf.tracking.uncertainty import is_inside_ellipsoid
 
 SONG = add_ankles(bodies.named("song32"))
@@ -65,9 +61,6 @@ def test_without_outlines_nothing_changes() -> None:
     measures, covariance = fit.measure(nothing, poses)
     assert not measures.any() and np.array_equal(np.diag(covariance), fit.shape.spread**2)
     assert np.array_equal(fit.pose(measures, nothing, poses), poses)
-
-
-def test_what_is_unknown_or_at_the_border_is_no_outline() -> None:
     shown = np.zeros((4, RIG.height, RIG.width), bool)
     shown[:, :, :40] = True
     known = np.ones_like(shown)
@@ -83,11 +76,13 @@ def test_growths_are_derivatives_of_the_cones() -> None:
     found, moved = shape.growths(measures, poses), shape.move_joints(measures, poses)
     for number in range(0, shape.n_built, 7):
         move = step * np.eye(len(measures))[number]
-        ahead, behind = (posed_joints(shape.body(measures + s * move), poses) for s in (1, -1))
-        np.testing.assert_allclose(moved[number], (ahead - behind) / (2 * step), atol=1e-4)
-        after, before = (posed_cones(shape.body(measures + s * move), poses) for s in (1, -1))
-        expected = (after - before)[..., :8] / (2 * step)
-        np.testing.assert_allclose(found[:, number], expected, atol=1e-4)
+        bodies_moved = [shape.body(measures + sign * move) for sign in (1, -1)]
+        joints, cones = (
+            np.subtract(*(posed(body, poses) for body in bodies_moved)) / (2 * step)
+            for posed in (posed_joints, posed_cones)
+        )
+        np.testing.assert_allclose(moved[number], joints, atol=1e-4)
+        np.testing.assert_allclose(found[:, number], cones[..., :8], atol=1e-4)
 
 
 def test_soles_stay_on_the_floor() -> None:

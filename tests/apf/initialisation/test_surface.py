@@ -35,16 +35,13 @@ def found() -> tuple[np.ndarray, Surface]:
 
 
 def test_surface_lies_where_the_outlines_touch(found: tuple[np.ndarray, Surface]) -> None:
+    """Its measures have errors."""
     _, surface = found
     wide = posed_cones(BODY.scaled({}, 1.15), surface.pose[None])[0]
     before = cone_distances(join_cones(BODY, surface.pose)[0], wide).min(1)
     after = cone_distances(surface.vertices, wide).min(1)
     assert np.abs(after).mean() < 0.75 * np.abs(before).mean()
     assert np.all(surface.deviation <= 0.03 + 1e-9)
-
-
-def test_measures_have_errors(found: tuple[np.ndarray, Surface]) -> None:
-    _, surface = found
     measures = surface.measure(BODY)
     volume, error = measures["volume_l"]
     assert 40 < volume < 150 and 0 < error < 0.2 * volume
@@ -61,19 +58,15 @@ def test_what_is_carried_is_no_part_of_the_surface(found: tuple[np.ndarray, Surf
     loaded = replace(BODY, cones=(*BODY.cones, load))
     outlines = [outlines_of(cones) for cones in posed_cones(loaded, poses)]
     surface = fit_surface(loaded, outlines, poses, LENGTHS)
-    assert (
-        cone_distances(surface.vertices, posed_cones(BODY, surface.pose[None])[0]).min(1).max()
-        < 0.1
-    )
+    cones = posed_cones(BODY, surface.pose[None])[0]
+    assert cone_distances(surface.vertices, cones).min(1).max() < 0.1
     measures, expected = surface.measure(loaded), alone.measure(BODY)
     assert measures["girths_m"].keys() == expected["girths_m"].keys()
     assert measures["volume_l"][0] < 1.1 * expected["volume_l"][0]
 
 
 def test_girths_are_those_of_the_cones() -> None:
-    pose = BODY.rest_pose.copy()
-    for name in ("l_upper_arm.rx", "r_upper_arm.rx"):
-        pose[BODY.dof_names.index(name)] = 1.0  # arms away from the trunk
+    pose = bodies.bent(BODY, l_upper_arm__rx=1.0, r_upper_arm__rx=1.0)  # away from the trunk
     vertices, faces = join_cones(BODY, pose)
     alike = np.full(len(vertices), 0.005)
     surface = Surface(pose, vertices, faces, alike, np.array(0.0), LENGTHS, np.zeros((0, 3)))
@@ -99,6 +92,7 @@ def test_glb_moves_the_surface(tmp_path: Path, found: tuple[np.ndarray, Surface]
     track.save(tmp_path / "track.npz")
     track = Track.open(tmp_path)
     (path,) = export(track, tmp_path, ["person"], raw=True).files
+    assert export(strider(12), tmp_path, ["person"]).files == ()  # without a surface
     file = pygltflib.GLTF2().load(path)
     attributes = file.meshes[0].primitives[0].attributes
     points, owners, weights, shown = (
@@ -114,10 +108,6 @@ def test_glb_moves_the_surface(tmp_path: Path, found: tuple[np.ndarray, Surface]
     assert track.surface is not None
     posed = track.surface.bind(BODY).posed(BODY, track.poses[[7]])[0][0]
     np.testing.assert_allclose(skin, posed, atol=1e-4)
-
-
-def test_no_surface_no_file(tmp_path: Path) -> None:
-    assert export(strider(12), tmp_path, ["person"]).files == ()
 
 
 def test_usd_and_meshes_hold_the_surface(tmp_path: Path, found: tuple[np.ndarray, Surface]) -> None:

@@ -3,7 +3,7 @@
 from typing import Any
 
 import numpy as np
-from helpers import scenes
+from helpers import bodies, scenes
 from helpers.keypoints import of_poses
 
 from apf.body.kinematics import posed_joints
@@ -21,9 +21,9 @@ GRID = VoxelGrid.covering(np.array([-1.5, -1.5, 0.0]), np.array([1.5, 1.5, 2.0])
 
 def walker(start: tuple[float, float], step: tuple[float, float], **options: Any) -> np.ndarray:
     """Return the keypoints (V, F, K, 3) of a body that moves on a line."""
-    poses = np.tile(BODY.rest_pose, (FRAMES, 1))
-    for axis in (0, 1):
-        poses[:, axis] += start[axis] + step[axis] * np.arange(FRAMES)
+    x, y = (start[axis] + step[axis] * np.arange(FRAMES) for axis in (0, 1))
+    rest = np.tile(BODY.rest_pose, (FRAMES, 1))
+    poses = bodies.bent(BODY, rest, pelvis__tx=x, pelvis__ty=y)
     return of_poses(RIG, BODY, poses, **options).points.astype(float)
 
 
@@ -55,12 +55,14 @@ def test_people_who_pass_one_another_are_kept_apart() -> None:
     assert sorted(shares.argmax(1)) == [0, 1, 2]
 
 
-def test_who_leaves_comes_back_as_the_same_person() -> None:
+def test_who_leaves_comes_back_as_the_same_person_and_so_many_are_followed_at_most() -> None:
     first, second = walker((-0.8, 0), (0, 0)), walker((0.8, 0), (0, 0.01))
     second[:, 8:18] = np.nan
     found = associate_people(shuffled([first, second]), RIG, FPS)
     assert [same(own, true) for own, true in zip(found, (first, second), strict=True)] == [1, 1]
     assert [count_at_once(found, least) for least in (1, 14, 15)] == [2, 2, 1]
+    assert associate_people(shuffled([first, second]) * np.nan, RIG, FPS) == []
+    assert len(associate_people(shuffled([first, second]), RIG, FPS, number=1)) == 1
 
 
 def test_a_rejected_match_does_not_split_a_person_who_returns() -> None:
@@ -93,18 +95,10 @@ def test_a_camera_without_a_person_and_persons_of_one_camera() -> None:
     assert np.isnan(found[1, 5:9]).all()
 
 
-def test_nobody_and_at_most_so_many() -> None:
-    people = [walker((-0.8, 0), (0, 0)), walker((0.8, 0), (0, 0))]
-    assert associate_people(shuffled(people) * np.nan, RIG, FPS) == []
-    assert len(associate_people(shuffled(people), RIG, FPS, number=1)) == 1
-
-
 def walk(side: float) -> np.ndarray:
     """Poses (6, D) of somebody who walks along x at y = side."""
-    poses = np.tile(BODY.rest_pose, (6, 1))
-    poses[:, 0] += 0.05 * np.arange(6)
-    poses[:, 1] += side
-    return poses
+    rest = np.tile(BODY.rest_pose, (6, 1))
+    return bodies.bent(BODY, rest, pelvis__tx=0.05 * np.arange(6), pelvis__ty=side)
 
 
 def voxels_of(poses: np.ndarray) -> Person:
@@ -129,10 +123,6 @@ def test_identities_that_pictures_exchange_are_put_right() -> None:
     expected = true[1].points.copy()
     expected[:, 2] = np.nan
     np.testing.assert_array_equal(second, expected)
-
-
-def test_keypoints_far_from_the_voxels_are_nobodys() -> None:
-    people = People(range(6), GRID, (voxels_of(walk(-1.0)), voxels_of(walk(0.0))))
-    aside = of_poses(NEAR, BODY, walk(1.0))
-    given = aside.points[None]
-    assert all(np.isnan(points).all() for points in match_to_people(given, people, NEAR))
+    aside = of_poses(NEAR, BODY, walk(1.5))  # far from all voxels
+    nobodys = match_to_people(aside.points[None], people, NEAR)
+    assert all(np.isnan(points).all() for points in nobodys)

@@ -1,5 +1,6 @@
 """Keypoints of npz and arrays: shapes, cameras, frames, distortion, and bad ones."""
 
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
@@ -29,6 +30,14 @@ def save(path: Path, points: np.ndarray, **names: object) -> Path:
     return path
 
 
+def save_each(folder: Path, views: Iterable[np.ndarray]) -> Path:
+    """Write an array of each camera into a new folder."""
+    (folder / "each").mkdir()
+    for camera, view in zip(NAMES, views, strict=True):
+        np.save(folder / "each" / f"{camera}_points.npy", view)
+    return folder / "each"
+
+
 def same(a: Keypoints, b: Keypoints, atol: float = 0) -> None:
     assert (a.names, a.camera_names) == (b.names, b.camera_names)
     np.testing.assert_allclose(a.points, b.points, rtol=0, atol=atol)
@@ -47,22 +56,17 @@ def test_npz_reads_back_and_cameras_are_found_by_name(tmp_path: Path) -> None:
     assert Keypoints.open(path).camera_names == ("Cam_3", "Cam_2", "Cam_1")
     two = Keypoints.open(path, NAMES[:2])  # others are left out
     np.testing.assert_array_equal(two.points, written.points[:2])
-    same(
-        read.select_cameras(NAMES[1:]).select_cameras(NAMES[2:]), written.select_cameras(NAMES[2:])
-    )
+    last = written.select_cameras(NAMES[2:])
+    same(read.select_cameras(NAMES[1:]).select_cameras(NAMES[2:]), last)
 
 
-def test_cameras_without_names_are_taken_in_order_and_a_note_says_so(tmp_path: Path) -> None:
+def test_cameras_without_names_or_keypoints_are_noted(tmp_path: Path) -> None:
     written = keypoints()
     read = Keypoints.open(save(tmp_path / "a.npz", written.points), RIG)
     same(read, written)
     assert "in order: 1 for cam01, 2 for cam02, 3 for cam03" in read.notes[0]
     named = save(tmp_path / "b.npz", written.points, camera_names=["x", "y", "z"])
     assert "x for cam01" in Keypoints.open(named, RIG).notes[0]
-
-
-def test_a_camera_without_keypoints_is_missing(tmp_path: Path) -> None:
-    written = keypoints()
     path = save(tmp_path / "a.npz", written.points[1:], camera_names=NAMES[1:])
     read = Keypoints.open(path, RIG)
     assert np.isnan(read.points[0]).all() and "no keypoints of camera cam01" in read.notes[0]
@@ -83,20 +87,13 @@ def test_missing_points_are_nan_throughout() -> None:
     ("count", "names"),
     [(33, MEDIAPIPE), (17, COCO_17), (26, HALPE_26), (25, BODY_25B), (553, MEDIAPIPE)],
 )
-def test_arrays_are_known_by_their_number_of_keypoints(
-    tmp_path: Path, count: int, names: tuple[str, ...]
-) -> None:
+def test_arrays_are_known_by_their_size(tmp_path: Path, count: int, names: tuple[str, ...]) -> None:
     written = keypoints(names=names)
     points = np.full((3, 4, count, 3), 5.0)  # hands and face, somewhere
     points[:, :, : len(names)] = written.points
     np.save(tmp_path / "all.npy", points)
-    read = Keypoints.open(tmp_path / "all.npy", RIG)
-    same(read, written)
-    folder = tmp_path / "each"
-    folder.mkdir()
-    for camera, view in zip(NAMES, points, strict=True):
-        np.save(folder / f"{camera}_points.npy", view)
-    same(Keypoints.open(folder, RIG), written)
+    same(Keypoints.open(tmp_path / "all.npy", RIG), written)
+    same(Keypoints.open(save_each(tmp_path, points), RIG), written)
 
 
 def test_freemocaps_third_number_is_no_confidence(tmp_path: Path) -> None:
@@ -134,14 +131,10 @@ def test_frames_are_the_sequences(tmp_path: Path) -> None:
         save(path, keypoints(frames).points, camera_names=NAMES)
         with pytest.raises(apf.InputError, match=rf"cam01 {frames} \(its video 4\).*expected 4"):
             Keypoints.open(path, sequence)
-    longer = footage.grey(0, 0)
-    footage.write_video(tmp_path / "walk" / "videos" / "cam02.mp4", [longer] * 6)
-    sequence = psfs.open_sequence(tmp_path / "walk")
-    folder = tmp_path / "each"
-    folder.mkdir()
-    for view, camera in enumerate(NAMES):
-        np.save(folder / f"{camera}.npy", keypoints(6 if view == 1 else 4).points[view])
-    assert Keypoints.open(folder, sequence).points.shape == (3, 4, 33, 3)
+    footage.write_video(tmp_path / "walk" / "videos" / "cam02.mp4", [20] * 6)
+    folder = save_each(tmp_path, [keypoints(n).points[view] for view, n in enumerate((4, 6, 4))])
+    found = Keypoints.open(folder, psfs.open_sequence(tmp_path / "walk"))
+    assert found.points.shape == (3, 4, 33, 3)
     with pytest.raises(apf.InputError, match=r"differ: cam01 4, cam02 6, cam03 4"):
         Keypoints.open(folder, RIG)
 

@@ -60,13 +60,8 @@ def test_a_body_whose_arms_point_backwards_at_zero_has_its_hands_beyond_the_wris
     body = read_body(shared_data("bodytrack_walk"))
     poses = np.random.default_rng(1).normal(body.rest_pose, 0.2, (4, body.n_dof))
     joints = {n: posed_joints(body, poses)[:, j] for j, n in enumerate(body.joint_names)}
-    places = dict(
-        zip(
-            orders.MEDIAPIPE,
-            world_points(body, poses, orders.MEDIAPIPE).swapaxes(0, 1),
-            strict=True,
-        )
-    )
+    points = world_points(body, poses, orders.MEDIAPIPE).swapaxes(0, 1)
+    places = dict(zip(orders.MEDIAPIPE, points, strict=True))
     for side in ("left", "right"):
         elbow, wrist = joints[f"{side[0]}_elbow"], joints[f"{side[0]}_wrist"]
         along = (wrist - elbow) / np.linalg.norm(wrist - elbow, axis=-1, keepdims=True)
@@ -78,19 +73,16 @@ def test_names_that_are_none_and_bad_tables_are_errors(tmp_path: Path) -> None:
     with pytest.raises(apf.InputError, match=r"none of the keypoints tail, fin .*left_shoulder"):
         locate_points(load_body("song31"), ["tail", "fin"])
     table, whole = tmp_path / "landmarks.toml", '[[landmark]]\nname = "a"\njoint = "n"\n'
+    twice = '[[landmark]]\nname = "{}"\naliases = ["x"]\njoint = "n"\nspread = 0.1\n'
     for text, message in (
         ("", r"holds no \[\[landmark\]\]"),
         ('[[landmark]]\nname = "nose"\n', "lacks the key landmark nose, joint"),
         (f"{whole}spread = 3.0\n", "spread is 3.0; expected less than 1"),
         (f"{whole}spread = 0.1\ncolour = 1\n", "colour, which is unknown"),
         (f"{whole}spread = 0.1\noffset = [1]\n", "expected at least 3"),
+        (twice.format("a") + twice.format("b"), "x is a name of both a and b"),
     ):
         table.write_text(text)
         load_landmarks.cache_clear()
         with pytest.raises(apf.InputError, match=message):
             load_landmarks(table)
-    twice = '[[landmark]]\nname = "{}"\naliases = ["x"]\njoint = "n"\nspread = 0.1\n'
-    table.write_text(twice.format("a") + twice.format("b"))
-    load_landmarks.cache_clear()
-    with pytest.raises(apf.InputError, match="x is a name of both a and b"):
-        load_landmarks(table)

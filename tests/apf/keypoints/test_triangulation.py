@@ -47,11 +47,8 @@ def test_too_few_or_disagreeing_cameras_give_no_point() -> None:
 
 
 def test_a_point_behind_a_camera_does_not_count() -> None:
-    camera = RIG[0]
-    behind = camera.centre - 2.0 * camera.R[2]
+    behind = RIG[0].centre - 2.0 * RIG[0].R[2]
     rig = scenes.without_distortion(RIG.subset(["c0", "c1"]))
-    pixels = np.full((2, 1, 3), 1.0)
-    for view, own in enumerate(rig):
-        local = own.K @ (own.R @ behind + own.t)
-        pixels[view, 0, :2] = local[:2] / local[2]
-    assert np.isnan(triangulate(rig, pixels).points).all()
+    local = np.stack([camera.K @ (camera.R @ behind + camera.t) for camera in rig])
+    pixels = np.column_stack([local[:, :2] / local[:, 2:], [1.0, 1.0]])
+    assert np.isnan(triangulate(rig, pixels[:, None]).points).all()

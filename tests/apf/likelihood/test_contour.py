@@ -56,15 +56,12 @@ def test_an_arm_before_the_trunk_is_found_by_its_contours() -> None:
 
 def test_contours_know_their_direction_and_end_at_the_silhouette() -> None:
     pictures, maps = np.full((1, 40, 40, 3), 50, np.uint8), np.full((1, 40, 40, 2), 255, np.uint8)
-    pictures[:, :, 20:] = 90
+    pictures[:, :, 20:], maps[:, :20] = 90, 0
     contrast = 20 * 128  # the gain of the operator
     found = compute_contours(compute_gradients(pictures, maps), maps, contrast)[0]
-    assert found[0, 20, 20] > 2 * found[2, 20, 20] == 0
-    assert found[1, 20, 20] == found[3, 20, 20] < found[0, 20, 20]
-    assert found[0, 20, 16] > 0 == found[0, 20, 10]
-    maps[:, :20] = 0
-    found = compute_contours(compute_gradients(pictures, maps), maps, contrast)[0]
-    assert not found[:, :20].any() and found[0, 25, 20] > 0
+    assert not found[:, :20].any() and found[0, 30, 20] > 2 * found[2, 30, 20] == 0
+    assert found[1, 30, 20] == found[3, 30, 20] < found[0, 30, 20]
+    assert found[0, 30, 16] > 0 == found[0, 30, 10]
 
 
 @pytest.mark.parity("tracking/contour.differentiate", "tracking/contour.find_contours")

@@ -1,6 +1,8 @@
 """The keypoints' term of the likelihood, and its kernel against the twin."""
 
 from dataclasses import replace
+from typing import Any
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -13,11 +15,7 @@ from apf.body.toml import load_body
 from apf.likelihood.base import Likelihood
 from apf.likelihood.config import EXCHANGE_COST, KeypointConfig
 from apf.likelihood.keypoints import KeypointLikelihood
-from apf.likelihood.observations import (
-    Observed,
-    PointObservations,
-    make_empty_observations,
-)
+from apf.likelihood.observations import Observed, PointObservations, make_empty_observations
 from apf.reference.likelihood.keypoints import NumpyKeypointLikelihood, missed_shares
 from apf.scene import Scene
 from cl import Device
@@ -27,16 +25,13 @@ CONFIG, POSTURE = KeypointConfig(weight=3.0), 0.02
 
 
 def test_the_pose_that_was_seen_misses_nothing() -> None:
+    """The cost of an outlier is bounded, a missing one costs nothing, left taken for right the
+    exchange."""
     rig, pose = scenes.ring(3), bodies.random_poses(SONG, 1)[0]
     seen = seen_points(SONG, pose, rig, 20)
     assert missed_shares(SONG, rig, pose[None], seen).max() < 1e-12
     away = missed_shares(SONG, rig, pose[None] + [0.5, *[0] * 30], seen)
     assert away.min() > 0.05
-
-
-def test_the_cost_of_an_outlier_is_bounded_and_a_missing_one_costs_nothing() -> None:
-    rig, pose = scenes.ring(3), bodies.random_poses(SONG, 1)[0]
-    seen = seen_points(SONG, pose, rig, 20)
     wrong = replace(seen, pixel=seen.pixel + np.eye(len(seen))[:, :1] * 1e5)
     shares = missed_shares(SONG, rig, pose[None], wrong)[0]
     assert 0.99 < shares[0] <= 1 and shares[1:].max() < 1e-12
@@ -52,10 +47,6 @@ def test_the_cost_of_an_outlier_is_bounded_and_a_missing_one_costs_nothing() -> 
     })  # fmt: skip
     assert error(fewer) == pytest.approx(error(seen))
     assert error(wrong) - error(seen) == pytest.approx(3 * CONFIG.weight / len(seen))
-
-
-def test_left_taken_for_right_costs_the_exchange() -> None:
-    rig, pose = scenes.ring(3), bodies.random_poses(SONG, 1)[0]
     swapped = seen_points(SONG, pose, rig, 20, as_partners=True)
     swapped = replace(swapped, inverse_scale=10 * swapped.inverse_scale)
     shares = missed_shares(SONG, rig, pose[None], swapped)[0]
@@ -96,15 +87,18 @@ def test_it_adds_to_another_likelihood(device: Device) -> None:
     body, rig = SONG, scenes.ring(3)
     poses = bodies.random_poses(body, 23).astype(np.float32)
     seen, scene = seen_points(body, poses[3].astype(float), rig, 9), Scene(device, rig, None, body)
-    base = _Constant(device, 23)
+    base: Any = Likelihood()
+    base.errors = device.to_device(np.full(23, 7, np.float32))
+    base.unit, base.observe, base.launcher = 2.0, Mock(), lambda poses: []
     term = KeypointLikelihood(scene, CONFIG, POSTURE, 23, base)
     term.observe(Observed("shown", seen))
+    base.observe.assert_called_once_with("shown")
     for launch in term.launcher(device.to_device(poses)):
         launch()
     shares = missed_shares(body, rig, poses.astype(float), seen)
     expected = 7 + 2 * CONFIG.weight * shares.mean(1)
     np.testing.assert_allclose(term.errors.get(), expected, rtol=2e-4)
-    assert base.shown == "shown" and term.points is base.points and term.observed is None
+    assert term.points is base.points and term.observed is None
 
 
 @pytest.mark.parity("tracking/likelihood.score_poses")
@@ -134,18 +128,3 @@ def test_the_voxels_kernel_takes_the_term(device: Device, n: int, kind: str) -> 
     np.testing.assert_allclose(errors.get(), expected, rtol=2e-4, atol=1e-4)
     assert misfits.get()[0] == pytest.approx(voxels.misfits.get()[0], rel=1e-5)
     assert len(np.unique(misfits.get())) > 10
-
-
-class _Constant(Likelihood):
-    """A likelihood whose errors are 7, in units of 2."""
-
-    unit = 2.0
-
-    def __init__(self, device: Device, n: int) -> None:
-        self.errors = device.to_device(np.full(n, 7, np.float32))
-
-    def observe(self, shown: str) -> None:
-        self.shown = shown
-
-    def launcher(self, poses: object) -> list[object]:
-        return []

@@ -12,14 +12,11 @@ from apf.body.kinematics import posed_cones
 from apf.filters.annealed import AnnealedParticleFilter
 from apf.filters.config import FilterConfig
 from apf.likelihood.part_colour import (
-    DECAY,
     N_CODES,
     N_COLOURS,
     PartColours,
     find_part,
-    find_trunk_cone,
     fit_palette,
-    list_histogram_parts,
     list_part_names,
     list_scored_parts,
 )
@@ -67,54 +64,44 @@ def test_an_arm_before_the_trunk_is_found_by_its_colour(arms: int) -> None:
     ratios = compute_ratios(counts)
     poses = np.stack([SONG.rest_pose, bodies.crossing()])
     hanging, right = means(poses, painted(RIG, bodies.crossing(), arms), ratios)
-    if arms == SKIN:
-        assert right > hanging + 0.03
-    else:
+    if arms == SHIRT:
         assert abs(right - hanging) < 1e-6
-
-
-def test_a_hidden_arm_teaches_nothing() -> None:
-    """The codes are those of hanging arms; a pose that has the arm on the belly learns no shirt."""
-    codes = painted(RIG, SONG.rest_pose, SKIN)
+        return
+    assert right > hanging + 0.03
+    # A pose that has the arm on the belly learns no shirt of an arm that hangs, and is hidden.
+    counts = count_codes(RIG, SONG, bodies.crossing(), painted(RIG, SONG.rest_pose, SKIN))
     forearm = list_part_names(SONG).index("forearm")
-    counts = count_codes(RIG, SONG, bodies.crossing(), codes)
     assert counts[forearm, SHIRT] < 0.25 * counts[forearm].sum()
 
 
 def test_left_and_right_are_one_part_and_hands_are_as_bare_as_the_head() -> None:
-    names = list_part_names(SONG)
+    names, cones = list_part_names(SONG), SONG.cone_names
     assert len(names) == len(set(names)) == 6  # torso, thigh, calf, upper arm, forearm, head
-    cones = [cone.name for cone in SONG.cones]
-    for side in "lr":
-        forearm = cones.index(f"{side}_forearm")
+    for forearm in (cones.index("l_forearm"), cones.index("r_forearm")):
         shares = [names[find_part(SONG, forearm, share)] for share in (0.1, 0.6, 0.9)]
         assert shares == ["forearm", "forearm", "head"]
     assert find_part(SONG, cones.index("hips"), 0.5) == -1
-    assert cones[find_trunk_cone(SONG)] == "torso"
     rows = make_sample_rows(choose_cone_sampling(SONG, 0.06))
-    parts = list_scored_parts(SONG, rows)
-    of_torso = rows[:, 0] == cones.index("torso")
+    parts, of_torso = list_scored_parts(SONG, rows), rows[:, 0] == cones.index("torso")
     assert (parts[of_torso] == -1).all() and (parts[~of_torso] >= 0).all()
-    lower = bodies.named("stick")
-    assert list_histogram_parts(lower).max() < len(list_part_names(lower))
 
 
 def test_a_palette_tells_a_persons_colours_apart() -> None:
     random = np.random.default_rng(0)
     colours = np.array([(90, 80, 60), (120, 150, 200), (40, 40, 45)])
     chosen = random.integers(0, 3, (2, 40, 50))
-    pictures = np.clip(colours[chosen] + random.normal(0, 4, (2, 40, 50, 3)), 0, 255)
+    noisy = colours[chosen] + random.normal(0, 4, (2, 40, 50, 3))
+    pictures = np.clip(noisy, 0, 255).astype(np.uint8)
     silhouettes = np.full(chosen.shape, 255, np.uint8)
-    palette = fit_palette(pictures.astype(np.uint8), silhouettes)
+    palette = fit_palette(pictures, silhouettes)
     assert palette is not None and palette.shape == (N_COLOURS,)
-    again = fit_palette(pictures.astype(np.uint8), silhouettes)
-    np.testing.assert_array_equal(palette, again)
-    codes = encode_colours(pictures.astype(np.uint8), silhouettes, palette)
-    seen = [set(np.unique(codes[chosen == k])) for k in range(3)]
-    assert not (seen[0] & seen[1] or seen[0] & seen[2] or seen[1] & seen[2])
+    np.testing.assert_array_equal(palette, fit_palette(pictures, silhouettes))
+    codes = encode_colours(pictures, silhouettes, palette)
+    seen = [np.unique(codes[chosen == k]) for k in range(3)]
+    assert len(set().union(*seen)) == sum(map(len, seen))
     silhouettes[:] = 0
-    assert fit_palette(pictures.astype(np.uint8), silhouettes) is None
-    assert (encode_colours(pictures.astype(np.uint8), silhouettes, palette) == NOTHING).all()
+    assert fit_palette(pictures, silhouettes) is None
+    assert (encode_colours(pictures, silhouettes, palette) == NOTHING).all()
 
 
 @pytest.mark.parity("tracking/part_colour.encode_colours")
@@ -124,43 +111,31 @@ def test_codes_agree_with_the_twin(device: Device) -> None:
     images = np.random.default_rng(0).integers(0, 256, shape).astype(np.uint8)
     here, twin, voxels = observe_pictures(device, rig, images)
     colours, codes = here.terms["part_colour"], twin.terms["part_colour"].codes
-    assert isinstance(colours, PartColours) and colours.known and codes is not None
-    found, maps = colours.codes.get(), here.reprojection.maps.get()[..., 0]
-    palette = fit_palette(images, maps)
-    assert palette is not None
-    np.testing.assert_array_equal(found, encode_colours(images, maps, palette))
-    assert ((found == NOTHING) == (codes == NOTHING)).mean() > 0.99
-    assert 0.02 < (found != NOTHING).mean() < 0.9
+    assert isinstance(colours, PartColours) and colours.known
+    assert ((colours.codes.get() == NOTHING) == (codes == NOTHING)).mean() > 0.99
     shown = here.reprojection.maps.get()
+    palette = fit_palette(images, shown[..., 0])
     shown[:, ::2, :, 0] ^= 1  # hidden, see `Reprojection`
     here.reprojection.maps.set(shown)
     colours.observe(voxels, voxels.pictures())
     found = colours.codes.get()
     np.testing.assert_array_equal(found, encode_colours(images, shown[..., 0], palette))
-    assert (found == HIDDEN).sum() > 100
+    assert (found == HIDDEN).sum() > 100 and 0.02 < (found != NOTHING).mean() < 0.9
 
 
 @pytest.mark.parity("tracking/part_colour.count_colours", "tracking/part_colour.learn_colours")
 def test_trackers_learn_at_their_estimates(device: Device) -> None:
+    """How, test_terms.py compares with the twin."""
     world = World(device)
-    rig = world.rig
     tracker = AnnealedParticleFilter(world.scene(), FilterConfig.create(n_particles=37, n_layers=2))
-    random = np.random.default_rng(0)
-    images = random.integers(0, 256, (len(rig), rig.height, rig.width, 3)).astype(np.uint8)
-    pictures = device.to_device(images)
+    random, shape = np.random.default_rng(0), (len(world.rig), world.rig.height, world.rig.width, 3)
+    pictures = device.to_device(random.integers(0, 256, shape).astype(np.uint8))
     tracker.start(world.pose(0))
     colours = tracker.likelihood.terms["part_colour"]
-    expected = np.zeros(colours.histograms.shape)
-    for frame in range(2):
-        voxels: Any = world.voxels(frame)
-        voxels.pictures = lambda: pictures
-        pose = tracker.step(voxels).pose
-        counts = count_codes(rig, SONG, pose, colours.codes.get())
-        expected = DECAY * expected + counts
-        found = colours.histograms.get()
-        assert np.abs(found - expected).sum() < 0.05 * expected.sum()
-        ratios = colours.ratios.get().astype(int)
-        assert np.abs(ratios - compute_ratios(found)).max() <= 1
-    assert expected.sum() > 100 and colours.ratios.get().any()
+    voxels: Any = world.voxels(0)
+    voxels.pictures = lambda: pictures
+    counts = count_codes(world.rig, SONG, tracker.step(voxels).pose, colours.codes.get())
+    assert np.abs(colours.histograms.get() - counts).sum() < 0.05 * counts.sum() > 5
+    assert colours.ratios.get().any()
     tracker.start(world.pose(0))
     assert not colours.ratios.get().any()

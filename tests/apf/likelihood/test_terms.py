@@ -75,9 +75,7 @@ ROWS = [
     [("own", "song31", 1), ("own", "song31", 300), ("own", "stick", 37), ("other", "song31", 37)],
 )
 @pytest.mark.parametrize("spec", ROWS)
-def test_kernels_agree_with_the_twin(
-    device: Device, spec: TermSpec, kind: str, name: str, n: int
-) -> None:
+def test_kernels_and_twin(device: Device, spec: TermSpec, kind: str, name: str, n: int) -> None:
     assert_parity(device if kind == "own" else other_kind(device), spec, name, n)
 
 

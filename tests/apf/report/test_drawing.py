@@ -1,6 +1,6 @@
 """Drawing tracked bodies over pictures."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -24,23 +24,19 @@ def camera(name: str, angle: float, size: tuple[int, int] = (320, 240)) -> Camer
 class Footage:
     """What `write_overlay` uses of a Sequence."""
 
-    def __init__(self, sizes: list[tuple[int, int]], count: int = 6, masks: bool = False) -> None:
+    folder = Path("walk")
+
+    def __init__(self, sizes: list[tuple[int, int]]) -> None:
         angles = 2 * np.pi * np.arange(len(sizes)) / len(sizes)
-        self.rig = CameraRig(
-            tuple(
-                camera(f"cam{i}", a, s) for i, (a, s) in enumerate(zip(angles, sizes, strict=True))
-            )
-        )
-        self.folder, self.count, self.masks = Path("walk"), count, masks
+        pairs = enumerate(zip(angles, sizes, strict=True))
+        self.rig = CameraRig(tuple(camera(f"cam{k}", *each) for k, each in pairs))
 
     def __len__(self) -> int:
-        return self.count
+        return 6
 
     def read(self, index: int) -> Frame:
-        shape = (len(self.rig), self.rig.height, self.rig.width)
-        if self.masks:
-            return Frame(index, None, np.full(shape, 255, np.uint8))
-        return Frame(index, np.full((*shape, 3), 90, np.uint8), None)
+        shape = (len(self.rig), self.rig.height, self.rig.width, 3)
+        return Frame(index, np.full(shape, 90, np.uint8), None)
 
     def select_frames(self, indices: list[int]) -> Iterator[Frame]:
         return map(self.read, indices)
@@ -70,11 +66,7 @@ def test_sides_have_their_colours_where_the_limbs_are() -> None:
     assert nearest(drawn, SIDES["middle"]).sum() > 200
     changed = np.any(drawn != 90, axis=-1)
     assert 0.005 < changed.mean() < 0.3
-
-
-def test_lost_people_and_limbs_have_their_own_colour() -> None:
-    track = tracks.walker(2)
-    figure = Figure(replace(track, diagnostics={"lost": np.array([False, True])}), number=1)
+    figure = Figure(tracks.lose(track, 1), number=1)  # lost people have a colour of their own
     assert not (figure.colour_cones(0) == LOST).any()
     assert (figure.colour_cones(1) == LOST).all() and (figure.colour_edges(1) == LOST).all()
 
@@ -93,26 +85,22 @@ def test_people_are_drawn_while_they_are_seen() -> None:
         assert ((one != all_).any(-1).sum() > 500) == (n == 2)
 
 
-@pytest.mark.parametrize("count", [1, 5, 12])
-def test_mosaic_is_bounded_and_even(count: int) -> None:
-    sequence = Footage([(641, 481)] * count)
-    picture = mosaic_of(sequence)
-    height, width = picture.shape[:2]
-    assert width <= 1920
-    assert height <= 1080
-    assert width % 2 == height % 2 == 0
-    # Every camera has its tile: the grey background fills at least the tiles' share.
-    filled = np.any(picture > 60, axis=-1).mean()
-    assert filled > 0.5
-
-
-def test_views_of_different_sizes_are_not_stretched() -> None:
+def test_mosaic_is_bounded_and_even_and_stretches_nothing() -> None:
     sequence = Footage([(320, 240), (160, 240)])
     picture = mosaic_of(sequence)
     assert picture.shape == (240, 640, 3)
     assert not picture[:, 480:].any()  # beside the narrow picture
     one = mosaic_of(sequence, [1])
     np.testing.assert_array_equal(one[:, :160], picture[:, 320:480])
+    masks = Frame(0, None, np.full((2, 240, 320), 255, np.uint8))  # drawn on without images
+    drawn = draw_mosaic(masks, sequence.rig, [Figure(tracks.walker(6))], [0])
+    assert 100 < np.median(drawn) < 200 and nearest(drawn, SIDES["right"]).sum() > 50
+    for count in (1, 5, 12):
+        picture = mosaic_of(Footage([(641, 481)] * count))
+        height, width = picture.shape[:2]
+        assert width <= 1920 and height <= 1080 and width % 2 == height % 2 == 0
+        # Every camera has its tile: the grey background fills at least the tiles' share.
+        assert np.any(picture > 60, axis=-1).mean() > 0.5
 
 
 def test_a_window_shows_everybody_and_little_else() -> None:
@@ -130,13 +118,6 @@ def test_a_window_shows_everybody_and_little_else() -> None:
     np.testing.assert_array_equal(part[80:], here[80:])  # below the label
 
 
-def test_masks_are_drawn_on_where_there_are_no_images() -> None:
-    sequence = Footage([(320, 240)], masks=True)
-    picture = mosaic_of(sequence)
-    assert 100 < np.median(picture) < 200
-    assert nearest(picture, SIDES["right"]).sum() > 50
-
-
 @pytest.mark.parametrize(("frames", "fps"), [([1, 3, 5], 30), ([0, 1, 2, 5], 60), ([2], 60)])
 def test_video_has_every_frame(tmp_path: Path, frames: list[int], fps: float) -> None:
     sequence = Footage([(320, 240)] * 2)
@@ -148,8 +129,7 @@ def test_video_has_every_frame(tmp_path: Path, frames: list[int], fps: float) ->
     capture = cv2.VideoCapture(str(path))
     assert capture.get(cv2.CAP_PROP_FRAME_COUNT) == len(frames) == len(calls)
     assert capture.get(cv2.CAP_PROP_FPS) == pytest.approx(fps)
-    ok, image = capture.read()
-    assert ok
+    _, image = capture.read()
     assert image.shape[0] == 240 and image.shape[1] < 640  # cropped to the person
     assert np.abs(image.astype(int) - 90).max() > 60  # the body
     assert [p.name for p in path.parent.iterdir()] == ["overlay.mp4"]
@@ -168,23 +148,25 @@ def test_lost_frames_say_so(tmp_path: Path) -> None:
     assert first < 20 < 60 < second
 
 
+class Damaged(Footage):
+    def read(self, index: int) -> Frame:
+        if index == 2:
+            raise InputError("cam0.mp4: frame 2 of 6 cannot be decoded")
+        return super().read(index)
+
+
 @pytest.mark.parametrize(
-    ("frames", "message"), [([4, 5, 6], "frames 4..6; the sequence 6"), ([], "no frame")]
+    ("kind", "frames", "message"),
+    [
+        (Footage, [4, 5, 6], "frames 4..6; the sequence 6"),
+        (Footage, [], "no frame"),
+        (Damaged, range(6), "frame 2"),
+    ],
 )
-def test_frames_beyond_the_sequence(tmp_path: Path, frames: list[int], message: str) -> None:
+def test_frames_that_fail_leave_no_video(
+    tmp_path: Path, kind: type[Footage], frames: Sequence[int], message: str
+) -> None:
     track = replace(tracks.walker(frames=len(frames)), frames=np.array(frames, int))
     with pytest.raises(InputError, match=message):
-        write_overlay(tmp_path / "a.mp4", Footage([(320, 240)]), track)
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_a_frame_that_fails_leaves_no_video(tmp_path: Path) -> None:
-    class Damaged(Footage):
-        def read(self, index: int) -> Frame:
-            if index == 2:
-                raise InputError("cam0.mp4: frame 2 of 6 cannot be decoded")
-            return super().read(index)
-
-    with pytest.raises(InputError, match="frame 2"):
-        write_overlay(tmp_path / "a.mp4", Damaged([(320, 240)]), tracks.walker(frames=6))
+        write_overlay(tmp_path / "a.mp4", kind([(320, 240)]), track)
     assert list(tmp_path.iterdir()) == []

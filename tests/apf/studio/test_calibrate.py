@@ -1,7 +1,6 @@
 """The page calibrates cameras: what the board has covered, what is missing, the cameras' use."""
 
 import shutil
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -9,6 +8,7 @@ import cv2
 import numpy as np
 import pytest
 from helpers import calibration as made
+from helpers.waiting import wait_for
 
 pytest.importorskip("viser", reason="viser is not installed")
 
@@ -44,15 +44,11 @@ def day(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def plain(day: Path) -> Path:
-    """Return a folder with the videos of phones, and nothing else."""
-    folder = day / "phones"
-    folder.mkdir()
-    for name in ("anna", "ben"):
-        with write_video(folder / f"{name}.mp4", 30.0) as video:
-            for _ in range(3):
-                video.write(np.zeros((60, 80, 3), np.uint8))
-    return folder
+def write_frames(path: Path, frames: list[np.ndarray]) -> None:
+    path.parent.mkdir(exist_ok=True)
+    with write_video(path, 30.0) as video:
+        for frame in frames:
+            video.write(frame)
 
 
 def no_device() -> Device:
@@ -67,29 +63,26 @@ def page(day: Path, tmp_path: Path) -> Iterator[Page]:
 
 
 def test_board_is_found_and_cameras_are_used(day: Path, page: Page) -> None:
-    assert find_kind(day / "board") == find_kind(plain(day)) == "views"
+    for name in ("anna", "ben"):
+        write_frames(day / "phones" / f"{name}.mp4", 3 * [np.zeros((60, 80, 3), np.uint8)])
+    assert find_kind(day / "board") == find_kind(day / "phones") == "views"
     page.open(day / "phones")
     assert isinstance(page.view, CalibrateView) and page.view.views.rig.names == ["anna", "ben"]
     page.open(day / "board")
     view = page.view
-    assert isinstance(view, CalibrateView)
     view.target.kind.value = CHARUCO
     view.target.squares.value, view.target.square.value = SQUARES, SQUARE
     view.search()
-    assert view._worker is not None
     view._worker.join(600)
     assert "looked at all frames" in view.words.content and "cam" in view.words.content
     assert all(seen.frames >= 5 for seen in view.target.coverage)
     view.calibrate()
     view.slot.wait(600)
-    work = view.slot.work
-    assert work is not None and work.succeeded, work and work.words
-    cameras = view.cameras.value
+    assert view.slot.work.succeeded, view.slot.work.words
     page.open(day / "walk")
-    again = page.view
-    assert isinstance(again, CalibrateView) and cameras in again.cameras.options
-    again.cameras.value = cameras
-    again.use()
+    assert view.cameras.value in page.view.cameras.options
+    page.view.cameras.value = view.cameras.value
+    page.view.use()
     assert isinstance(page.view, FootageView)
     assert page.view.sequence.rig.names == [camera.name for camera in CAMERAS]
     assert str(page.run.make_request().capture.calibration).endswith("calibration.toml")
@@ -98,19 +91,17 @@ def test_board_is_found_and_cameras_are_used(day: Path, page: Page) -> None:
 def test_board_is_found_live(day: Path, tmp_path: Path) -> None:
     views = open_uncalibrated(day / "board", SequenceSettings())
     frames = [views.read(index) for index in range(len(views))]
-    for view, name in enumerate("abc"):
-        with write_video(tmp_path / f"{name}.mp4", 30.0) as video:
-            for frame in frames:
-                video.write(frame.images[view])
-    captures = Captures([str(tmp_path / f"{name}.mp4") for name in "abc"])
+    paths = [tmp_path / f"{name}.mp4" for name in "abc"]
+    for view, path in enumerate(paths):
+        write_frames(path, [frame.images[view] for frame in frames])
+    captures = Captures([str(path) for path in paths])
     captures.record(tmp_path / "first" / "videos", ["a", "b", "c"])
     page = Page(Roots(day), no_device, results=tmp_path / "results", captures=captures)
     try:
         page.open_cameras()
-        film, until = page.view, time.monotonic() + 120
+        film = page.view
         assert isinstance(film, FilmView)
-        while not captures.ended and time.monotonic() < until:
-            time.sleep(0.05)
+        wait_for(lambda: captures.ended)
         assert "has ended" in captures.ended
         assert captures.stop_recording() > 5
         assert find_kind(tmp_path / "first") == "views"
@@ -132,12 +123,9 @@ def test_person_who_walks_in_is_judged(small_walk: Path) -> None:
     sequence = Sequence.open(small_walk)
     empty = np.rint(sequence.background.mean).astype(np.uint8)
     noise = np.random.default_rng(0).integers(-2, 3, (5, *empty.shape))
-    check = PersonCheck(
-        Device.best(), sequence.rig, [(empty + of).clip(0, 255).astype(np.uint8) for of in noise]
-    )
-    masks = check.examine_frame(sequence.read(2))
-    shares = [mask.mean() for mask in masks]
-    assert all(0.01 < share < 0.3 for share in shares), shares
+    rooms = list((empty + noise).clip(0, 255).astype(np.uint8))
+    check = PersonCheck(Device.best(), sequence.rig, rooms)
+    assert all(0.01 < mask.mean() < 0.3 for mask in check.examine_frame(sequence.read(2)))
     assert all(one.seen == 1 and one.height > 30 for one in check.views)
     assert "whole" in check.describe() and "px high" in check.describe()
     check.examine_frame(Frame(9, empty, None))
@@ -149,9 +137,7 @@ def test_person_who_walks_in_is_judged(small_walk: Path) -> None:
 
 def test_fields_are_the_request_of_calibrate(day: Path, page: Page) -> None:
     page.open(day / "board")
-    view = page.view
-    assert isinstance(view, CalibrateView)
-    fields = view.target
+    fields = page.view.target
     fields.kind.value = CHARUCO
     assert fields.stated() == {"board": "charuco", "squares": (7, 5), "square": 0.037}
     name, content = fields.make_board()
@@ -160,7 +146,7 @@ def test_fields_are_the_request_of_calibrate(day: Path, page: Page) -> None:
     assert fields.stated()["board"] == "chessboard" and not fields.wand.visible
     fields.kind.value = PERSON
     assert fields.stated() == {"person": True, "stature": 1.7, "field_of_view": 65.0}
-    assert not fields.searchable and not view.search_button.visible
+    assert not fields.searchable and not page.view.search_button.visible
     fields.kind.value, fields.wand.value = WAND, "0.2,0.3"
     assert fields.stated() == {"wand": (0.2, 0.3)}
     fields.wand.value = "long"

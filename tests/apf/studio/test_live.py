@@ -1,12 +1,12 @@
 """The page of a live run shows the newest pose, and ends the run."""
 
-import time
 from contextlib import closing
 
 import numpy as np
 import pytest
 from helpers import tracks
 from helpers.scenes import ring
+from helpers.waiting import wait_for
 
 pytest.importorskip("viser", reason="viser is not installed")
 
@@ -18,29 +18,18 @@ from apf.studio.live import LivePage
 
 def test_newest_pose_is_shown() -> None:
     track, stopped = tracks.walker(5), []
-    layers = np.zeros(4)
+    body, layers = track.its_body, 4 * [np.zeros(4)]
     result, timeline = LiveResult(sizes=[(0, 60, 4)]), Timeline(STAGES)
-    with closing(
-        LivePage(
-            LiveStart(None, [(track.its_body, track.poses[0])]), ring(), lambda: stopped.append(1)
-        )
-    ) as page:
+    start = LiveStart(None, [(body, track.poses[0])])
+    with closing(LivePage(start, ring(), lambda: stopped.append(1))) as page:
         assert np.allclose(page.nodes[0].joints.points, track.joints[0], atol=1e-5)
         page(result, timeline)
         for row in (1, 3):
             result.frames.append(row)
             timeline.add_result(row, 0.0, 0.02 + row / 30)
-            result.estimates.append(
-                [
-                    Estimate(
-                        track.its_body, track.poses[row], layers, layers, layers, layers,
-                        confidence=0.25, lost=row == 3,
-                    )
-                ]
-            )  # fmt: skip
-        until = time.monotonic() + 120
-        while "lost" not in page.status.content and time.monotonic() < until:
-            time.sleep(0.02)
+            pose = Estimate(body, track.poses[row], *layers, confidence=0.25, lost=row == 3)
+            result.estimates.append([pose])
+        wait_for(lambda: "lost" in page.status.content)
         assert np.allclose(page.nodes[0].joints.points, track.joints[3], atol=1e-5)
         assert "the person is lost" in page.status.content and "2 poses" in page.status.content
         page.press_record()  # from the next pose on

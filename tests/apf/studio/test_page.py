@@ -65,35 +65,33 @@ def test_body_stands_where_the_track_has_it(tmp_path: Path, page: Page) -> None:
 
 
 def test_lost_person_and_limbs_are_named(tmp_path: Path, page: Page) -> None:
-    track = tracks.walker(10)
     sure = np.ones((10, 4))
     sure[3, 0] = 0.0
-    lost = np.arange(10) == 5
-    track = replace(track, diagnostics={"lost": lost, "limb_confidence": sure})
-    track.save(tmp_path / "run" / "track.npz")
+    known = {"lost": np.arange(10) == 5, "limb_confidence": sure}
+    replace(tracks.walker(10), diagnostics=known).save(tmp_path / "run" / "track.npz")
     watch = watch_in(page, tmp_path / "run")
     watch.time_line.seek(3)
     assert "doubtful" in watch.status.content
     watch.time_line.seek(5)
     assert "the person is lost" in watch.status.content
+    tracks.walker(6).save(tmp_path / "running" / "parts" / "track_000000000.npz")
+    assert len(watch_in(page, tmp_path / "running").opened.frames) == 6
 
 
 def test_keys_and_buttons_move_the_time_line(tmp_path: Path, page: Page) -> None:
     watch = watch_in(page, save_voxels(tmp_path / "voxels", n_frames=5))
     line = watch.time_line
     commands = {key: do for _, key, do in line.list_keys()}
-    commands["L"]()
-    commands["L"]()
-    commands["J"]()
-    assert (line.position, line.slider.value) == (1, 1)
-    commands["end"]()
-    assert line.position == 4
-    commands["pagedown"]()
-    assert line.speeds.value == "0.5"
-    commands["space"]()
-    assert line.playing and line.button.label == "pause"
-    commands["home"]()
-    assert not line.playing and line.position == 0 and line.button.label == "play"
+
+    def press(*keys: str) -> tuple[int, str, str]:
+        for key in keys:
+            commands[key]()
+        return line.position, line.speeds.value, line.button.label
+
+    assert press("L", "L", "J") == (1, "1", "play") and line.slider.value == 1
+    assert press("end", "pagedown") == (4, "0.5", "play")
+    assert press("space")[2] == "pause" and line.playing
+    assert press("home") == (0, "0.5", "play") and not line.playing
     assert "no pictures" in watch.remarks.content  # its footage is gone
     (tmp_path / "voxels" / "clouds" / "frame_000003.npz").write_bytes(b"damaged")
     line.seek(3)
@@ -101,7 +99,7 @@ def test_keys_and_buttons_move_the_time_line(tmp_path: Path, page: Page) -> None
 
 
 def test_what_a_browser_sends_for_a_file_is_one_of_the_options(tmp_path: Path, page: Page) -> None:
-    """Not a path to somewhere else."""
+    """Not a path to somewhere else. A file that has another beside it is packed with it."""
     folder = save_track(tmp_path / "runs" / "walk")
     page.open(folder)
     for field in (page.export.ending, page.export.person):
@@ -111,10 +109,11 @@ def test_what_a_browser_sends_for_a_file_is_one_of_the_options(tmp_path: Path, p
         field.value = before
     assert not (tmp_path / "out.bvh").exists()
     assert page.export.make_file()[0] == "walk.bvh"
-
-
-def test_a_file_that_has_another_beside_it_is_packed_with_it(tmp_path: Path, page: Page) -> None:
-    folder = save_track(tmp_path / "runs" / "walk")
+    with pytest.raises(FileNotFoundError) as gone:
+        page.export.read_report()
+    page.say(gone.value)
+    said = page._message.content
+    assert "report.html: cannot be read or written: No such file" in said and "Errno" not in said
     tracks.lose(tracks.walker(), np.arange(26, 30)).save(folder / "track.npz")
     page.open(folder)
     page.export.ending.value = ".mot"
@@ -123,33 +122,16 @@ def test_a_file_that_has_another_beside_it_is_packed_with_it(tmp_path: Path, pag
         assert name == "walk.zip" and set(packed.namelist()) == {"walk.mot", "walk_filled.csv"}
 
 
-def test_a_folder_that_is_gone_is_named(tmp_path: Path, page: Page) -> None:
-    folder = save_track(tmp_path / "runs" / "walk")
-    page.open(folder)
-    with pytest.raises(FileNotFoundError) as gone:
-        page.export.read_report()
-    page.say(gone.value)
-    said = page._message.content
-    assert "report.html: cannot be read or written: No such file" in said and "Errno" not in said
-
-
-def test_running_track_is_watched_by_its_parts(tmp_path: Path, page: Page) -> None:
-    run = tmp_path / "run"
-    tracks.walker(6).save(run / "parts" / "track_000000000.npz")
-    assert len(watch_in(page, run).opened.frames) == 6
-
-
 def test_several_people_are_shown_together(tmp_path: Path, page: Page) -> None:
     both = tracks.walker(30), tracks.walker(30, 20)
     seen = np.arange(30), np.r_[20:42, 45:50]  # the second one is away for three frames
     PeopleTracks(both, np.arange(50), seen).save(tmp_path / "duo")
     gone = {"absolute": str(tmp_path / "gone"), "overrides": {}}
     facts = {"sequence": gone, "config": {}, "warnings": [], "people": 2}
-    for k, verdict in ((1, "good"), (2, "bad")):
-        says = [f"the track looks {verdict}"]
-        look_at = {"left arm": [[k, k + 1]]}
+    for k, says in ((1, ["the track looks good"]), (2, ["the track looks bad"])):
+        quality = {"look_at": {"left arm": [[k, k + 1]]}}
         path = tmp_path / "duo" / f"person{k}" / "summary.json"
-        write_json(path, {**facts, "says": says, "quality": {"look_at": look_at}})
+        write_json(path, {**facts, "says": says, "quality": quality})
     assert [one.name for one in page.roots.find()] == ["duo", "duo/person1", "duo/person2"]
     watch = watch_in(page, tmp_path / "duo")
     assert watch.opened.frames.tolist() == list(range(50))
@@ -163,10 +145,7 @@ def test_several_people_are_shown_together(tmp_path: Path, page: Page) -> None:
     assert shown == [False, True]
     watch.time_line.seek(43)
     assert "person2: not tracked in this frame" in watch.status.content
-    assert watch.opened.quality == (
-        "person1: the track looks good",
-        "person2: the track looks bad",
-    )
+    assert watch.opened.quality[1] == "person2: the track looks bad"
     assert watch.opened.look_at["person2: left arm"].tolist() == [2, 3]
     colours = [watch.bodies[name].cones[0].color for name in ("person1", "person2")]
     assert colours == list(PEOPLE[:2])

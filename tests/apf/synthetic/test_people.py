@@ -18,11 +18,6 @@ from cl import Device
 SMALL = SceneConfig(cameras=2, frames=12, fps=2, size=(64, 48), seed=3, people=3, visitor=True)
 
 
-@pytest.fixture(scope="module")
-def scene(device: Device) -> SyntheticScene:
-    return SyntheticScene(SMALL, device)
-
-
 @pytest.mark.parametrize(("people", "seed"), [(2, 1), (3, 2), (5, 3)])
 def test_walkers_stay_apart_and_in_the_room(people: int, seed: int) -> None:
     config = SceneConfig(people=people, seed=seed)
@@ -35,8 +30,8 @@ def test_walkers_stay_apart_and_in_the_room(people: int, seed: int) -> None:
     assert len({round(gait.skeleton.height, 3) for gait in gaits}) == people
 
 
-def test_who_is_nearer_hides_the_others(scene: SyntheticScene) -> None:
-    hidden = 0
+def test_who_is_nearer_hides_the_others(device: Device) -> None:
+    scene, hidden = SyntheticScene(SMALL, device), 0
     for index in (0, 7):
         numbers = scene.frame(index)[1]
         there = np.flatnonzero(presence(SMALL)[:, index])

@@ -12,6 +12,7 @@ from apf.body.kinematics import posed_joints
 from apf.body.toml import load_body
 from apf.filters.base import Estimate
 from apf.tracking.retracking import (
+    ERROR,
     Correction,
     Corrections,
     correct_pose,
@@ -76,25 +77,20 @@ def test_cameras_would_see_the_corrected_joint_there() -> None:
 
 
 def test_limb_alone_follows_its_joint() -> None:
+    """It is held within the error of its correction."""
     pose = SONG.rest_pose
     before = posed_joints(SONG, pose[None])[0]
     goal = before[WRIST] + (0.15, 0.1, 0.1)
-    moved = correct_pose(SONG, pose, {"l_wrist": Correction(0, "l_wrist", tuple(goal))})
-    after = posed_joints(SONG, moved[None])[0]
+    exact, loose, near = (
+        {"l_wrist": Correction(0, "l_wrist", tuple(goal), error)} for error in (ERROR, 0.3, 0.03)
+    )
+    after = posed_joints(SONG, correct_pose(SONG, pose, exact)[None])[0]
     assert np.linalg.norm(after[WRIST] - goal) < 0.01
     others = [i for i, name in enumerate(SONG.joint_names) if not name.startswith("l_")]
     assert np.allclose(after[others], before[others], atol=1e-9)
-
-
-def test_joint_stays_within_the_error_of_its_correction() -> None:
-    pose = SONG.rest_pose
-    before = posed_joints(SONG, pose[None])[0][WRIST]
-    goal = before + np.array([0.1, 0.05, 0.05])
-    near = {"l_wrist": Correction(0, "l_wrist", tuple(goal), 0.2)}
-    assert np.array_equal(hold_corrections(SONG, pose, near), pose)
-    held = hold_corrections(SONG, pose, {"l_wrist": Correction(0, "l_wrist", tuple(goal), 0.03)})
-    after = posed_joints(SONG, held[None])[0][WRIST]
-    assert np.linalg.norm(after - goal) == pytest.approx(0.03, abs=0.005)
+    assert np.array_equal(hold_corrections(SONG, pose, loose), pose)
+    held = posed_joints(SONG, hold_corrections(SONG, pose, near)[None])[0][WRIST]
+    assert np.linalg.norm(held - goal) == pytest.approx(0.03, abs=0.005)
 
 
 def test_courses_end_midway_between_corrected_frames() -> None:
@@ -104,18 +100,11 @@ def test_courses_end_midway_between_corrected_frames() -> None:
     assert courses == [(10, 4), (10, 15), (20, 15), (20, 26), (50, 44), (50, 56)]
 
 
-def estimate(pose: np.ndarray) -> Estimate:
-    layers = np.zeros(4)
-    return Estimate(
-        SONG, pose, np.full(SONG.n_dof, 0.1), layers, layers, layers, np.eye(SONG.n_dof),
-        candidates=pose[None], candidate_errors=np.zeros(1), confidence=0.5,
-    )  # fmt: skip
-
-
 def test_new_stretch_fades_into_the_track() -> None:
     track = tracks.walker(30)
     raised = bodies.bent(SONG, track.poses, pelvis__tz=0.3)
-    found = {frame: estimate(raised[frame]) for frame in range(8, 20)}
+    known = np.full(SONG.n_dof, 0.1), *(3 * [np.zeros(4)]), np.eye(SONG.n_dof)
+    found = {frame: Estimate(SONG, raised[frame], *known) for frame in range(8, 20)}
     new = splice_estimates(track, found, [12])
     lifted = (new.poses - track.poses)[:, SONG.dof_names.index("pelvis.tz")]
     assert np.allclose(lifted[[7, 8, 9, 10, 11, 12, 17, 18, 19, 20]] / 0.3,

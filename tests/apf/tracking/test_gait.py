@@ -50,18 +50,16 @@ def test_a_tracked_body_with_noise() -> None:
     assert plain["events"][0]["step_length_m"] is None
 
 
-def test_who_does_not_walk() -> None:
-    assert measure_gait(tracks.walker(0)) is None
-    still = strider(60)
-    assert measure_gait(track_of_poses(still.its_body, np.tile(still.poses[:1], (60, 1)))) is None
-    assert measure_gait(strider(40)) is None  # one step
-    marking_time = replace(still, joints=still.joints - still.joints[:, :1])
-    assert measure_gait(marking_time) is None
-    upper = load_body("rymut31_upper")
-    assert measure_gait(track_of_poses(upper, np.tile(upper.rest_pose, (60, 1)))) is None
-
-
-def test_no_step_is_counted_across_lost_frames() -> None:
+def test_who_does_not_walk_or_is_lost_between_steps() -> None:
+    walker, upper = strider(60), load_body("rymut31_upper")
+    for track in (
+        tracks.walker(0),
+        strider(40),  # one step
+        track_of_poses(walker.its_body, np.tile(walker.poses[:1], (60, 1))),
+        replace(walker, joints=walker.joints - walker.joints[:, :1]),  # marks time
+        track_of_poses(upper, np.tile(upper.rest_pose, (60, 1))),
+    ):
+        assert measure_gait(track) is None
     track = strider(300)
     whole, parted = measure_gait(track), measure_gait(tracks.lose(track, np.arange(100, 110)))
     assert whole is not None and parted is not None

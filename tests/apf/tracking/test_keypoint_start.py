@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from helpers import bodies, scenes
@@ -11,7 +12,6 @@ import apf
 from apf.backend import make_tracker
 from apf.body.kinematics import posed_joints
 from apf.body.toml import load_body
-from apf.filters.annealed import AnnealedParticleFilter
 from apf.filters.config import FilterConfig
 from apf.filters.method import Method
 from apf.initialisation.from_keypoints import start_from_keypoints
@@ -50,6 +50,12 @@ def blind_session(device: Device, rig: CameraRig = RIG) -> Session:
     return Session(sequence, device)  # type: ignore[arg-type]
 
 
+def tracked(device: Device, rig: CameraRig, keypoints: Keypoints) -> apf.Track:
+    method = Method.create(objective="keypoints", n_particles=60, n_layers=5)
+    settings = TakeSettings(method=method, keypoints=keypoints, template=BODY)
+    return track_take(blind_session(device, rig), settings).tracks[0]
+
+
 def miss(track: apf.Track) -> float:
     """m, mean over frames and joints."""
     truth = posed_joints(BODY, poses()[track.frames])
@@ -75,12 +81,9 @@ def test_the_lost_are_found_by_their_keypoints(device: Device) -> None:
     moved[7:, 0] += 1.0
     moved[7:, BODY.dof_names.index("pelvis.rz")] += 2.5
     keypoints = of_poses(RIG, BODY, moved)
-    points = keypoints.points.copy()
-    points[:, 4:7] = np.nan
-    gone = replace(keypoints, points=points)
-    method = Method.create(objective="keypoints", n_particles=60, n_layers=5)
-    settings = TakeSettings(method=method, keypoints=gone, template=BODY)
-    track = track_take(blind_session(device), settings).tracks[0]
+    gone = replace(keypoints, points=keypoints.points.copy())
+    gone.points[:, 4:7] = np.nan
+    track = tracked(device, RIG, gone)
     assert track.lost.tolist() == [False] * 4 + [True] * 3 + [False] * 3
     assert (track.present == ~track.lost).all() and "present" in track.diagnostics
     truth = posed_joints(BODY, moved[7:])
@@ -96,9 +99,7 @@ def test_two_cameras_of_six_move_nobody(device: Device) -> None:
     points[2:, 5] = np.nan
     points[:2, 5] = of_poses(rig, BODY, still + 0.6 * (np.arange(BODY.n_dof) == 0)).points[:2, 5]
     keypoints = replace(of_poses(rig, BODY, still), points=points)
-    method = Method.create(objective="keypoints", n_particles=60, n_layers=5)
-    settings = TakeSettings(method=method, keypoints=keypoints, template=BODY)
-    track = track_take(blind_session(device, rig), settings).tracks[0]
+    track = tracked(device, rig, keypoints)
     assert np.flatnonzero(track.lost).tolist() == [5]
     away = np.linalg.norm(track.joints - posed_joints(BODY, still), axis=-1)
     assert away.mean(1).max() < 0.05
@@ -106,17 +107,12 @@ def test_two_cameras_of_six_move_nobody(device: Device) -> None:
 
 def test_live_keypoints_frame_by_frame(device: Device) -> None:
     """As a callback gives them: a tracker's step takes each frame's."""
-    keypoints: Keypoints = of_poses(RIG, BODY, poses(), noise=2.0)
-    known = start_from_keypoints(RIG, keypoints, BODY, range(N))
-    config = FilterConfig.create(n_particles=100, n_layers=5, keypoints_weight=4.0).scale_to_rate(
-        30
-    )
-    method = Method(objective="keypoints", filter=config)
-    tracker = make_tracker(Scene(device, RIG, None, known.body), method)
-    assert isinstance(tracker, AnnealedParticleFilter)
+    known = start_from_keypoints(RIG, of_poses(RIG, BODY, poses(), noise=2.0), BODY, range(N))
+    config = FilterConfig.create(n_particles=100, n_layers=5, keypoints_weight=4.0)
+    method = Method(objective="keypoints", filter=config.scale_to_rate(30))
+    tracker: Any = make_tracker(Scene(device, RIG, None, known.body), method)
     tracker.start(known.anchored[1])
-    for frame in range(N):
-        live = known.keypoints.points[:, frame]
-        estimate = tracker.step(None, keypoints=known.model.observations(live))
+    for points in known.keypoints.points.swapaxes(0, 1):
+        estimate = tracker.step(None, keypoints=known.model.observations(points))
     away = estimate.joints - posed_joints(BODY, poses()[-1:])[0]
     assert np.linalg.norm(away, axis=-1).mean() < 0.04

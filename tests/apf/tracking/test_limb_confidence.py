@@ -52,11 +52,10 @@ def test_what_speaks_against_a_limb(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_ways_that_disagree_are_not_believed() -> None:
     """Where the other way is not known, margin and jitter alone say it."""
-    margins, ends, times = np.full((30, 4), 0.3), np.zeros((30, 4, 3)), np.arange(30) / 30
-    margins[:, ARM + 1] = np.nan
-    apart = np.full((30, 4), 0.03)
+    margins, apart = np.full((2, 30, 4), [[[0.3]], [[0.03]]])
+    ends, times = np.zeros((30, 4, 3)), np.arange(30) / 30
+    margins[:, ARM + 1] = apart[:, ARM - 1] = np.nan
     apart[:, ARM] = 0.4
-    apart[:, ARM - 1] = np.nan
     found, alone = (limb_confidence(margins, ends, times, other) for other in (apart, None))
     assert np.delete(found, ARM, 1).min() > 0.9 and found[:, ARM].max() < 0.1
     np.testing.assert_array_equal(found[:, ARM - 1], alone[:, ARM - 1])

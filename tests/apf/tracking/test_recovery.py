@@ -1,7 +1,9 @@
 """Trackers that know when they have lost the person."""
 
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -34,11 +36,9 @@ class OnALine:
     n_layers: int = 2
     least: float = 0.2
     at: float = 0.0
-    starts: list[float] = field(default_factory=list)
 
     def start(self, pose: np.ndarray) -> None:
         self.at = float(pose[0])
-        self.starts.append(self.at)
 
     def step(self, person: float) -> Estimate:
         if abs(person - self.at) <= self.reach:
@@ -49,39 +49,60 @@ class OnALine:
         return Estimate(SONG, pose, 0.1 * ones, ones, ones, ones, misfit=misfit)
 
 
-def on_a_line(everywhere: bool = False) -> RecoveringTracker:
-    return RecoveringTracker(
-        OnALine(0.1),
-        lambda: OnALine(1.0, n_layers=4),
-        (lambda person: [np.array([-9.0]), np.array([person + 0.5])]) if everywhere else None,
-    )
-
-
-def run(tracker: RecoveringTracker, places: list[float]) -> list[Estimate]:
+def run(tracker: RecoveringTracker, places: Sequence[float]) -> list[Estimate]:
     tracker.start(np.zeros(1))
     return [tracker.step(place) for place in places]
 
 
-def test_a_jump_is_found_around_the_last_good_pose() -> None:
-    found = run(on_a_line(), [0.0, 0.05, 0.9, 0.95])
-    assert [e.restart for e in found] == [TRACKED, TRACKED, LOCAL_RESTART, TRACKED]
-    assert not any(e.lost for e in found)
-    assert found[2].pose[0] == 0.9
-    assert len(found[2].ess) == len(found[0].ess)  # though the wide search has more layers
+def search_everywhere(person: float) -> list[np.ndarray]:
+    return [np.array([-9.0]), np.array([person + 0.5])]
 
 
-def test_a_person_who_is_gone_is_lost_and_the_last_good_pose_held() -> None:
-    found = run(on_a_line(), [0.0, 0.05, 50.0, 50.0, 0.1, 0.15])
-    assert [e.lost for e in found] == [False, False, True, True, False, False]
-    assert [e.pose[0] for e in found] == [0.0, 0.05, 0.05, 0.05, 0.1, 0.15]
-    assert found[2].confidence < 0.1 < 0.9 < found[4].confidence
-    assert all(e.restart == TRACKED for e in found)
+@pytest.mark.parametrize(
+    ("settings", "places", "poses", "lost", "restarted"),
+    [
+        # A jump is found around the last good pose.
+        ({}, (0.0, 0.05, 0.9, 0.95), (0.0, 0.05, 0.9, 0.95), [], {2: LOCAL_RESTART}),
+        # Who is gone is lost, and the last good pose held.
+        ({}, (0.0, 0.05, 50.0, 50.0, 0.1, 0.15), (0.0, 0.05, 0.05, 0.05, 0.1, 0.15), [2, 3], {}),
+        ({"recovers": False}, (0.0, 50.0), (0.0, 0.0), [], {}),
+        # Frames from 40 on show too little for anybody to be searched.
+        ({"everywhere": search_everywhere, "enough": lambda place: place < 40},
+         (0.05, 50.0, 51.0, 0.1), (0.05, 0.05, 0.05, 0.1), [1, 2], {}),
+        # Who is elsewhere is searched everywhere.
+        ({"everywhere": search_everywhere}, (0.0, 50.0, 50.05), (0.0, 50.0, 50.05), [],
+         {1: GLOBAL_RESTART}),
+    ],
+)  # fmt: skip
+def test_people_who_jump_leave_and_come_back(
+    settings: dict[str, Any],
+    places: tuple[float, ...],
+    poses: tuple[float, ...],
+    lost: list[int],
+    restarted: dict[int, int],
+) -> None:
+    found = run(
+        RecoveringTracker(OnALine(0.1), lambda: OnALine(1.0, n_layers=4), **settings), places
+    )
+    assert [e.pose[0] for e in found] == list(poses)
+    assert [k for k, e in enumerate(found) if e.lost] == lost
+    enough = settings.get("enough", lambda place: True)
+    assert [e.present for e in found] == [enough(at) for at in places]
+    assert [e.restart for e in found] == [restarted.get(k, TRACKED) for k in range(len(places))]
+    assert len({len(e.ess) for e in found}) == 1  # though the wide search has more layers
+    assert all(
+        (e.confidence < 0.5) == (abs(at - e.pose[0]) > 1)
+        for e, at in zip(found, places, strict=True)
+    )
+
+
+def test_before_there_is_a_good_frame_the_misfit_of_an_accepted_start_is_no_sign_of_loss() -> None:
+    found = run(RecoveringTracker(OnALine(0.1), lambda: OnALine(0.2)), [0.5, 0.5, 5.0])
+    assert [estimate.lost for estimate in found] == [False, False, True]
 
 
 @pytest.mark.parametrize(("misfit", "stands_still"), [(0.7, False), (0.95, True)])
-def test_a_misfitting_pose_that_two_searches_find_is_followed(
-    misfit: float, stands_still: bool
-) -> None:
+def test_a_misfit_that_two_searches_find_is_followed(misfit: float, stands_still: bool) -> None:
     """Hulls of few cameras misfit the right pose; from `WORST` on nobody is seen."""
     near, wide = OnALine(0.1), OnALine(1.0)
     tracker = RecoveringTracker(near, lambda: wide)
@@ -92,40 +113,7 @@ def test_a_misfitting_pose_that_two_searches_find_is_followed(
     assert [e.pose[0] for e in found] == ([0.0] * 3 if stands_still else [0.05, 0.1, 0.15])
 
 
-def test_before_there_is_a_good_frame_the_misfit_of_an_accepted_start_is_no_sign_of_loss() -> None:
-    tracker = RecoveringTracker(OnALine(0.1), lambda: OnALine(0.2))
-    found = run(tracker, [0.5, 0.5, 5.0])
-    assert [estimate.lost for estimate in found] == [False, False, True]
-
-
-def test_nobody_is_lost_by_a_method_that_does_not_recover() -> None:
-    tracker = RecoveringTracker(OnALine(0.1), lambda: OnALine(1.0), recovers=False)
-    found = run(tracker, [0.0, 50.0])
-    assert not any(e.lost for e in found) and found[1].confidence < 0.5
-
-
-def test_in_frames_without_a_person_nobody_is_searched() -> None:
-    """Frames from 40 on show too little."""
-    searches: list[float] = []
-    tracker = RecoveringTracker(
-        OnALine(0.1), lambda: OnALine(1.0), lambda p: searches.append(p) or [],
-        enough=lambda place: place < 40,
-    )  # fmt: skip
-    found = run(tracker, [0.05, 50.0, 51.0, 0.1])
-    assert [e.lost for e in found] == [False, True, True, False] and not searches
-    assert [e.present for e in found] == [True, False, False, True]
-
-
-def test_a_person_elsewhere_is_searched_everywhere() -> None:
-    tracker = on_a_line(everywhere=True)
-    found = run(tracker, [0.0, 50.0, 50.05])
-    assert [e.restart for e in found] == [TRACKED, GLOBAL_RESTART, TRACKED]
-    assert [e.pose[0] for e in found] == [0.0, 50.0, 50.05]
-
-
-def test_one_who_leaves_and_comes_back_elsewhere_is_tracked_again(
-    device: Device, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_who_comes_back_is_tracked_again(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
     """Frames 4 to 6 show nobody; from frame 7 on the person stands a metre further on, where the
     search everywhere, which test_start.py tests, finds him roughly."""
 

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -77,21 +78,23 @@ def with_error(
 ) -> Tracked:
     """A walker's track of this cost, whose joints are `off` m, or who has other poses."""
     track = walker()
-    costs = {
-        "best_log_weight": np.full((len(track), 1), -float(error)),
-        "misfit": np.full(len(track), misfit),
-    }
+    costs = np.full((len(track), 1), -float(error))
+    known = {"best_log_weight": costs, "misfit": np.full(len(track), misfit)}
     poses = track.poses if poses is None else poses
-    diagnostics = track.diagnostics | costs
-    return Tracked(
-        [replace(track, joints=track.joints + off, poses=poses, diagnostics=diagnostics)]
-    )
+    joints, diagnostics = track.joints + off, track.diagnostics | known
+    return Tracked([replace(track, joints=joints, poses=poses, diagnostics=diagnostics)])
 
 
-def start_in(track: Track, row: int) -> Start:
-    """A start in one frame of a track."""
+def start_in(row: int, *rivals: Start) -> Start:
+    """A start in one frame of the walker's track."""
+    track = walker()
     shape = np.zeros(len(ShapeModel(track.its_body).deviation))
-    return Start(track.its_body, shape, track.poses[[row]], (row,), 0, 1.1, 1.7)
+    return Start(track.its_body, shape, track.poses[[row]], (row,), 0, 1.1, 1.7, rivals=rivals)
+
+
+def take_of(start: Start, *more: Any, shown: dict[range, np.ndarray] | None = None) -> StartedTake:
+    task = TrackingTask(start.body, start.pose, Method(), [0], frame=start.frame)
+    return StartedTake(session_of(shown or {}), task, start, True, *more)
 
 
 def test_the_start_is_where_the_person_stands_whole() -> None:
@@ -99,17 +102,12 @@ def test_the_start_is_where_the_person_stands_whole() -> None:
     shown = {range(20, 40): block(1.7, 1.4), range(40, 60): block(0.9), range(60, 95): block(1.7)}
     ranked = rank_starts(session_of(shown))
     assert all(55 <= frame <= 75 for frame in ranked[:2]) and ranked == sorted(ranked)
-
-
-def test_nobody_in_any_frame_is_an_error_of_the_start() -> None:
     with pytest.raises(StartError, match="nobody is seen in 25 frames"):
         rank_starts(session_of({range(N): block(0.1)}))
 
 
 @pytest.mark.parametrize("ended", [KeyboardInterrupt(), DeviceError("the device was lost")])
-def test_the_first_pass_counts_if_the_second_one_does_not_end(
-    monkeypatch: pytest.MonkeyPatch, ended: BaseException
-) -> None:
+def test_the_first_pass_counts_alone(monkeypatch: pytest.MonkeyPatch, ended: BaseException) -> None:
     def end(*args: object) -> Take:
         raise ended
 
@@ -133,17 +131,13 @@ def test_the_first_pass_counts_if_the_second_one_does_not_end(
 
 
 @pytest.mark.parametrize("ended", [KeyboardInterrupt(), DeviceError("the device was lost")])
-def test_headings_are_not_compared_by_tracks_that_ended_early(
-    monkeypatch: pytest.MonkeyPatch, ended: BaseException
-) -> None:
+def test_ended_tracks_decide_nothing(monkeypatch: pytest.MonkeyPatch, ended: BaseException) -> None:
     track = walker()
     error = ended if isinstance(ended, DeviceError) else None
     tracked = Tracked([track if error else track.as_interrupted], error)
     monkeypatch.setattr(take, "track_people", lambda *args: [tracked])
-    start = replace(start_in(track, 0), rivals=(start_in(track, 0),))
-    task = TrackingTask(start.body, start.pose, Method(), [0])
     with pytest.raises(type(ended)):
-        choose_starts([StartedTake(session_of({}), task, start, personal=True)])
+        choose_starts([take_of(start_in(0, start_in(0)))])
 
 
 def test_the_take_decides_between_starts(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -165,12 +159,8 @@ def test_the_take_decides_between_starts(monkeypatch: pytest.MonkeyPatch) -> Non
 
     monkeypatch.setattr(take, "track_people", track_people)
     monkeypatch.setattr(take, "refit_start", refit)
-    starts = [start_in(track, k) for k in (4, 5, 7)]
-    start = replace(starts[0], rivals=(starts[1],))
-    task = TrackingTask(start.body, start.pose, Method(), [0], frame=4)
-    alone = StartedTake(session_of({}), task, replace(start, rivals=()))
-    others, settings = (starts[2],), TakeSettings()
-    both = [alone, StartedTake(session_of({}), task, start, True, others, settings)]
+    alone = replace(take_of(start_in(4)), personal=False)
+    both = [alone, take_of(start_in(4, start_in(5)), (start_in(7),), TakeSettings())]
     costs[:] = [16.1]
     first, chosen = choose_starts(both)
     assert first is alone and len(fitted) == 1
@@ -201,10 +191,8 @@ def test_starts_are_sought_until_one_confirms_the_best(
         take, "track_people", lambda runs, progress: [results.pop(0) for run in runs]
     )
     monkeypatch.setattr(take, "_refit", lambda *args: [])
-    first, rival, *others = (start_in(walker(), frame) for frame in (4, 4, 5, 6, 7))
-    start, more = replace(first, rivals=(rival,)), iter(others)
-    task = TrackingTask(start.body, start.pose, Method(), [0], frame=4)
-    (chosen,) = choose_starts([StartedTake(session_of({}), task, start, True, more)])
+    more = map(start_in, (5, 6, 7))
+    (chosen,) = choose_starts([take_of(start_in(4, start_in(4)), more)])
     assert chosen.task.frame == 4 and len(results) == len(list(more)) == n_left
 
 
@@ -216,9 +204,7 @@ def test_people_walk_forward(monkeypatch: pytest.MonkeyPatch, error: float, fram
     both = [with_error(10.0), with_error(error, poses=poses)]
     monkeypatch.setattr(take, "track_people", lambda *args: both)
     monkeypatch.setattr(take, "_refit", lambda *args: [])
-    start = replace(start_in(track, 4), rivals=(start_in(track, 5),))
-    task = TrackingTask(start.body, start.pose, Method(), [0], frame=4)
-    (chosen,) = choose_starts([StartedTake(session_of({}), task, start, True)])
+    (chosen,) = choose_starts([take_of(start_in(4, start_in(5)))])
     assert chosen.task.frame == frame
 
 
@@ -243,10 +229,8 @@ def test_what_the_person_carries_becomes_a_part_of_the_body(
     monkeypatch.setattr(take, "track_people", lambda *args: tracked.pop(0))
     monkeypatch.setattr(take, "find_load", find)
     monkeypatch.setattr(take, "initialise", start_again)
-    start, settings = start_in(track, 4), TakeSettings()
-    task = TrackingTask(start.body, start.pose, Method(), [0], frame=4)
-    started = StartedTake(session_of({range(N): block(1.7)}), task, start, True, (), settings)
-    (chosen,) = choose_starts([started])
+    start = start_in(4)
+    (chosen,) = choose_starts([take_of(start, (), TakeSettings(), shown={range(N): block(1.7)})])
     assert [body.cone_names for body in sought] == [start.body.cone_names]  # once
     assert chosen.task.body.cone_names == [*start.body.cone_names, "load_1"]
     assert chosen.start is not None and started_from == [4]

@@ -4,7 +4,6 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 from helpers import footage
@@ -20,6 +19,7 @@ from apf.formats.trc import read_trc
 from apf.keypoints.keypoints import Keypoints, TriangulationConfig
 from apf.keypoints.readers.orders import BODY_25, MEDIAPIPE
 from apf.tracking.triangulated import TriangulatedConfig, triangulate_track
+from psfs.output.video import count_frames
 
 FRAMES = 40
 BODY = load_body("song31")
@@ -56,30 +56,21 @@ def test_exact_keypoints_give_the_exact_points(folder: Path) -> None:
     some = triangulate_track(sequence, keypoints, selection=slice(4, 20, 4))
     assert some.frames.tolist() == [4, 8, 12, 16]
     np.testing.assert_array_equal(some.joints, track.joints[4:20:4])
-
-
-def test_gaps_and_noise(folder: Path) -> None:
-    sequence = psfs.open_sequence(folder)
     points = of_poses(sequence.rig, BODY, POSES, noise=0.5, seed=3).points.copy()
     points[1:, 12:18, 5] = np.nan
-    points[:, :, 6] = np.nan
-    keypoints = Keypoints(points, MEDIAPIPE, tuple(sequence.rig.names))
-    raw = triangulate_track(sequence, keypoints)
-    assert np.isfinite(np.delete(raw.joints, 6, 1)).all() and np.isnan(raw.joints[:, 6]).all()
-    holed = triangulate_track(sequence, keypoints, TriangulatedConfig(longest_gap=0.2))
-    assert np.isnan(holed.joints[12:18, 5]).all() and np.isfinite(holed.joints[:12, 5]).all()
-    smooth = triangulate_track(sequence, keypoints, TriangulatedConfig(low_pass=2.0))
-    truth = world_points(BODY, POSES, MEDIAPIPE)
-    errors = [np.nanmean(np.linalg.norm(t.joints - truth, axis=-1)) for t in (raw, smooth)]
+    noisy = Keypoints(points, MEDIAPIPE, tuple(sequence.rig.names))
+    settings = ({}, {"longest_gap": 0.2}, {"low_pass": 2.0})
+    raw, holed, smooth = (
+        triangulate_track(sequence, noisy, TriangulatedConfig(**each)).joints for each in settings
+    )
+    assert np.isfinite(raw).all() and np.isnan(holed[12:18, 5]).all()
+    errors = [np.linalg.norm(joints - track.joints, axis=-1).mean() for joints in (raw, smooth)]
     assert errors[1] < 0.6 * errors[0]
 
 
 def test_what_cannot_be_triangulated_is_an_error(folder: Path) -> None:
     sequence = psfs.open_sequence(folder)
     keypoints = Keypoints.open(folder, sequence)
-    other = Keypoints(keypoints.points[:, :, :2], ("tail", "fin"), keypoints.camera_names)
-    with pytest.raises(apf.InputError, match="none of the keypoints tail, fin is a point"):
-        triangulate_track(sequence, other)
     alone = keypoints.points.copy()
     alone[1:] = np.nan
     with pytest.raises(apf.InputError, match="no keypoint of walk is seen by 2 cameras"):
@@ -98,14 +89,10 @@ def test_command_writes_a_track(folder: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     said = succeed(*command(folder, out, "--low-pass", "4", "--frames", "0:30"))
     assert "30 frames triangulated" in said.out and "33 points of 3.0 cameras" in said.out
-    names = {path.name for path in out.iterdir()}
-    files = {"track.npz", "joints.trc", "joints.csv", "overlay.mp4", "settings.toml"}
-    assert names == {*files, "manifest.txt"}
     track = apf.Track.open(out)
     assert json.loads(track.provenance)["triangulated"]["low_pass"] == 4
     assert len(track) == 30 and read_trc(out / "joints.trc").joints.shape == (30, 33, 3)
-    video = cv2.VideoCapture(str(out / "overlay.mp4"))
-    assert video.get(cv2.CAP_PROP_FRAME_COUNT) == 30
+    assert count_frames(out / "overlay.mp4") == 30
     again = tmp_path / "again"
     settings = ["--config", str(out / "settings.toml"), "--no-overlay", "--frames", "0:30"]
     succeed("apf", "track", folder, "-o", again, *settings)
@@ -116,10 +103,8 @@ def test_command_takes_other_formats_some_cameras_and_several_takes(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     few = ["--no-overlay", "--frames", "0:3"]
-    succeed(*command(folder, tmp_path / "a", *few, "--keypoints", "pose"))
-    succeed(*command(folder, tmp_path / "b", *few, "--keypoints", str(folder / "p*")))
-    a, b = (apf.Track.open(tmp_path / name) for name in "ab")
-    np.testing.assert_array_equal(a.joints, b.joints)
+    succeed(*command(folder, tmp_path / "a", *few, "--keypoints", str(folder / "p*")))
+    assert len(apf.Track.open(tmp_path / "a")) == 3
     np.savez(folder.parent / "order.npz", keypoints=Keypoints.open(folder).points)
     monkeypatch.chdir(folder.parent)
     two = ["--keypoints", "order.npz", "--cameras", "cam01,cam03"]
@@ -128,9 +113,7 @@ def test_command_takes_other_formats_some_cameras_and_several_takes(
     c = apf.Track.open(tmp_path / "c")
     assert c.diagnostics["cameras_used"].max() == 2
     np.testing.assert_allclose(c.joints, world_points(BODY, POSES[:3], MEDIAPIPE), atol=1e-4)
-    other = folder.parent / "other"
-    if not other.exists():
-        other.symlink_to(footage.native(tmp_path / "other", frames=3))
+    footage.native(tmp_path / "other", frames=3)
     flags = ["--method", "triangulate", "--keypoints", "keypoints.npz", *few]
     takes = [str(folder), str(tmp_path / "other")]
     said = run("apf", "track", *takes, "-o", tmp_path / "both", *flags)
@@ -154,9 +137,7 @@ def pose_of_two(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return out
 
 
-def test_several_people_are_triangulated_apart(
-    folder: Path, pose_of_two: Path, tmp_path: Path
-) -> None:
+def test_people_are_triangulated_apart(folder: Path, pose_of_two: Path, tmp_path: Path) -> None:
     flags = ["--keypoints", str(pose_of_two), "--people", "auto", "--frames", "5:35"]
     assert "person2: " in succeed(*command(folder, tmp_path / "out", *flags)).out
     people = apf.PeopleTracks.open(tmp_path / "out")
@@ -172,20 +153,17 @@ def test_several_people_are_triangulated_apart(
     assert "assigned in all cameras" in said
 
 
-def test_several_people_are_tracked_by_keypoints_alone(
-    folder: Path, pose_of_two: Path, tmp_path: Path
-) -> None:
+def test_people_are_tracked_by_keypoints(folder: Path, pose_of_two: Path, tmp_path: Path) -> None:
     flags = ["--keypoints", str(pose_of_two), "--objective", "keypoints", "--frames", "5:7"]
-    flags += ["--body", "song31", "--particles", "60", "--layers", "3"]
-    flags += ["--no-overlay", "--no-report"]
+    flags += ["--body", "song31", "--particles", "60", "--layers", "3", "--no-overlay"]
+    flags += ["--no-report"]
     succeed("apf", "track", str(folder), "-o", str(tmp_path / "out"), *flags)
     people = apf.PeopleTracks.open(tmp_path / "out")
     assert people.counts.tolist() == [2] * 2
-    true = [posed_joints(BODY, poses[5:7]) for poses in (POSES, MOVED)]
-    nearest = [
-        np.linalg.norm(track.joints - joints, axis=-1).mean() for track in people for joints in true
-    ]
-    assert max(nearest[0], nearest[3]) < 0.05 or max(nearest[1], nearest[2]) < 0.05
+    true = np.array([posed_joints(BODY, poses[5:7]) for poses in (POSES, MOVED)])
+    found = np.array([track.joints for track in people])
+    both = (np.linalg.norm(found[order] - true, axis=-1) for order in ([0, 1], [1, 0]))
+    assert min(away.mean((1, 2)).max() for away in both) < 0.05
     method = apf.Method.create(objective="keypoints", n_particles=60, n_layers=3)
     same = apf.track_people(
         psfs.open_sequence(folder), method=method, body="song31", frames=slice(5, 7),

@@ -9,23 +9,16 @@ import numpy as np
 import pytest
 from helpers import bodies, scenes
 from helpers.walkers import surface_voxels, walker
-from helpers.worlds import World
 
-from apf.backend import make_tracker
 from apf.body.kinematics import posed_joints
 from apf.body.limbs import limb_masks, limb_names
 from apf.body.model import BodyModel
 from apf.body.toml import load_body
 from apf.filters.base import Estimate
-from apf.filters.method import Method
 from apf.initialisation.kept_voxels import RestoredVoxels, crop_voxels
 from apf.reference.likelihood.voxel import uncrop
 from apf.tracking.limb_confidence import LEAST_DISTANCE, SAME_PLACE
-from apf.tracking.two_way import (
-    TwoWays,
-    fuse_passes,
-    smooth_poses,
-)
+from apf.tracking.two_way import TwoWays, fuse_passes, smooth_poses
 from cl import Device, DeviceError, InputError, NumpyDevice
 
 BODY = load_body("song31")
@@ -41,13 +34,9 @@ def estimate(pose: np.ndarray, lost: bool = False, body: BodyModel = BODY) -> Es
 moved = partial(bodies.bent, BODY)
 
 
-def together(
-    ahead: list[np.ndarray], behind: list[np.ndarray], errors: np.ndarray | None = None
-) -> np.ndarray:
-    errors = np.zeros((len(ahead), 2)) if errors is None else errors
-    found = fuse_passes(
-        [[estimate(p) for p in of] for of in zip(ahead, behind, strict=True)], errors
-    )
+def together(ahead: np.ndarray, behind: np.ndarray, errors: np.ndarray) -> np.ndarray:
+    """Return the poses that two ways which stay where they are have together."""
+    found = fuse_passes(len(errors) * [[estimate(ahead), estimate(behind)]], errors)
     return np.stack([one.pose for one in found])
 
 
@@ -108,26 +97,18 @@ def test_every_body_has_both_ways(name: str) -> None:
 
 def test_a_limb_is_of_the_way_that_fits_over_the_frames() -> None:
     """One frame in which the wrong arm fits better changes nothing; the rest of the body is the
-    mean all the same."""
+    mean all the same, and the arm stays where its way has it."""
     rest = BODY.rest_pose
     wrong = moved(rest, r_upper_arm__rx=-1.2, l_forearm__ry=-0.1)
     right = moved(rest, l_forearm__ry=0.1)
-    for ahead, behind, better in ((wrong, right, 1), (right, wrong, 0)):
-        n = 9
-        errors = np.zeros((n, 2))
-        errors[:, 1] = -0.2 if better else 0.2
-        errors[n // 2, 1] *= -1
-        found = together(n * [ahead], n * [behind], errors)
-        np.testing.assert_allclose(found, n * [rest], atol=1e-12)
-
-
-def test_a_limb_stays_where_its_way_has_it() -> None:
-    """Though the trunk is the mean of both ways."""
+    for *ways, behind in ((wrong, right, -0.2), (right, wrong, 0.2)):
+        errors = np.tile([0.0, behind], (9, 1))
+        errors[4] *= -1
+        np.testing.assert_allclose(together(*ways, errors), 9 * [rest], atol=1e-12)
     wrist = BODY.joint_names.index("r_wrist")
-    rest = BODY.rest_pose
     right = moved(rest, pelvis__rx=0.06, r_upper_arm__rx=-0.3)
     wrong = moved(rest, pelvis__rx=-0.06, r_upper_arm__rx=-1.2)
-    found = together(5 * [wrong], 5 * [right], np.tile([0.2, 0.0], (5, 1)))
+    found = together(wrong, right, np.tile([0.2, 0.0], (5, 1)))
     np.testing.assert_allclose(found[:, BODY.dof_names.index("pelvis.rx")], 0, atol=1e-12)
     away = posed_joints(BODY, found)[:, wrist] - posed_joints(BODY, right[None])[0, wrist]
     assert np.linalg.norm(away, axis=-1).max() < 0.01
@@ -146,10 +127,9 @@ def test_a_lost_way_says_nothing() -> None:
 
 @dataclass
 class Follower:
-    """Estimates what it is shown, with an arm that is `off`, rad, and remembers it."""
+    """Estimates what it is shown, and remembers it."""
 
     body: BodyModel = BODY
-    off: float = 0.0
     starts: list[float] = field(default_factory=list)
     seen: list[float] = field(default_factory=list)
 
@@ -158,7 +138,7 @@ class Follower:
 
     def step(self, shown: float) -> Estimate:
         self.seen.append(shown)
-        return estimate(moved(BODY.rest_pose, pelvis__tx=shown, r_upper_arm__rx=self.off))
+        return estimate(moved(BODY.rest_pose, pelvis__tx=shown))
 
     def score_poses(self, poses: np.ndarray) -> np.ndarray:
         return np.abs(poses - BODY.rest_pose)[:, ARM]
@@ -173,14 +153,13 @@ def frames(n: int, ending: BaseException | None = None) -> Iterator[tuple[int, f
 
 def track_both_ways(
     found: list[tuple[int, list[Estimate]]],
-    device: Device | NumpyDevice,
-    forward: list[Any],
-    back: list[Any],
+    back: Follower,
     seen: Iterator[tuple[int, Any]],
     progress: Callable[[str], object] = lambda stage: None,
 ) -> None:
     """Add the estimates of all frames to `found`; an error that ends the frames is raised last."""
-    ways = TwoWays(device, forward, back, lambda *each: found.append(each), progress)
+    ahead, keep = [Follower()], lambda *each: found.append(each)
+    ways: Any = TwoWays(NumpyDevice(), ahead, [back], keep, progress)  # type: ignore[list-item]
     try:
         for index, shown in seen:
             ways.step(index, shown)
@@ -196,7 +175,7 @@ def short_windows(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_windows_overlap_and_give_every_frame_once(short_windows: None) -> None:
     back, told, found = Follower(), list[str](), list[tuple[int, list[Estimate]]]()
-    track_both_ways(found, NumpyDevice(), [Follower()], [back], frames(25), told.append)
+    track_both_ways(found, back, frames(25), told.append)
     assert [index for index, _ in found] == list(range(5, 30))
     for (_, (one,)), (_, shown) in zip(found, frames(25), strict=True):
         assert one.pose[0] == pytest.approx(BODY.rest_pose[0] + shown)
@@ -204,11 +183,8 @@ def test_windows_overlap_and_give_every_frame_once(short_windows: None) -> None:
     # Windows end at frames 11 and 20 and at the last; each is gone back from there.
     ends = np.array([11, 20, 24])
     np.testing.assert_allclose(back.starts, BODY.rest_pose[0] + 0.01 * ends, atol=1e-9)
-    firsts = np.array([0, 9, 18])
-    expected = np.concatenate([
-        np.arange(end, first - 1, -1) for first, end in zip(firsts, ends, strict=True)
-    ])  # fmt: skip
-    np.testing.assert_allclose(back.seen, 0.01 * expected)
+    expected = [*range(11, -1, -1), *range(20, 8, -1), *range(24, 17, -1)]
+    np.testing.assert_allclose(back.seen, 0.01 * np.array(expected))
     assert told.count("tracking back") == len(expected)
 
 
@@ -246,20 +222,16 @@ def test_kept_frames_are_restored_about_the_foreground(device: Device) -> None:
 
 
 @pytest.mark.parametrize("ending", [KeyboardInterrupt(), InputError("a torn file")])
-def test_what_ends_the_frames_is_raised_after_them(
-    short_windows: None, ending: BaseException
-) -> None:
+def test_what_ends_frames_is_raised_after_them(short_windows: None, ending: BaseException) -> None:
     back, found = Follower(), list[tuple[int, list[Estimate]]]()
     with pytest.raises(type(ending)):
-        track_both_ways(found, NumpyDevice(), [Follower()], [back], frames(7, ending))
+        track_both_ways(found, back, frames(7, ending))
     assert len(found) == 7 and len(back.seen) == 7
 
 
 @pytest.mark.parametrize("ending", [KeyboardInterrupt(), DeviceError("the device is lost")])
 @pytest.mark.parametrize(("n", "kept"), [(7, 7), (25, 12)])
-def test_what_ends_the_way_back_leaves_the_way_ahead(
-    short_windows: None, ending: BaseException, n: int, kept: int
-) -> None:
+def test_the_way_back_ends(short_windows: None, ending: BaseException, n: int, kept: int) -> None:
     """All of it, be it the whole take or its first window."""
 
     def progress(stage: str) -> None:
@@ -268,18 +240,5 @@ def test_what_ends_the_way_back_leaves_the_way_ahead(
 
     found: list[tuple[int, list[Estimate]]] = []
     with pytest.raises(type(ending)):
-        track_both_ways(found, NumpyDevice(), [Follower()], [Follower()], frames(n), progress)
+        track_both_ways(found, Follower(), frames(n), progress)
     assert len(found) == kept and np.isnan(found[3][1][0].disagreement).all()
-
-
-def test_errors_are_the_twins(device: Device) -> None:
-    method = Method.create(n_particles=40, n_layers=2, n_points=300)
-    world, found = World(device), []
-    wrong = moved(world.pose(0), l_upper_arm__rx=-0.9)
-    for own, voxels in ((device, world.voxels(0)), (NumpyDevice(), world.twin(0))):
-        tracker = make_tracker(world.scene(own), method)
-        tracker.start(world.pose(0))
-        tracker.step(voxels)
-        found.append(tracker.score_poses(np.stack([world.pose(0), wrong])))
-    np.testing.assert_allclose(found[0], found[1], atol=0.01)
-    assert found[0][1] > found[0][0] + 0.05
