@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import dataclass
-from queue import Empty, SimpleQueue
 from typing import Generic, Protocol, TypeVar
 
 import numpy as np
@@ -40,25 +38,31 @@ class Newest(Generic[T]):
     """Passes the newest item from one thread to another; older ones are dropped."""
 
     def __init__(self, dropped: Callable[[T], None]) -> None:
-        self._items, self._dropped = SimpleQueue[T | None](), dropped
+        self._condition = threading.Condition()
+        self._item: T | None = None
+        self._closed = False
+        self._dropped = dropped
 
     def put(self, item: T) -> None:
         """Replace the item that waits, if there is one, by a newer one."""
-        with suppress(Empty):
-            older = self._items.get_nowait()
-            if older is None:  # it is closed
-                self._items.put(None)
-                return
-            self._dropped(older)
-        self._items.put(item)
+        with self._condition:
+            if self._item is not None:
+                self._dropped(self._item)
+            self._item = item
+            self._condition.notify_all()
 
     def take(self) -> T | None:
-        """Wait for the newest item and return it; None, once, after the last one."""
-        return self._items.get()
+        """Wait for the newest item and return it; None after the last one."""
+        with self._condition:
+            self._condition.wait_for(lambda: self._item is not None or self._closed)
+            item, self._item = self._item, None
+            return item
 
     def close(self) -> None:
         """Declare that no further item will come; the last one can still be taken."""
-        self._items.put(None)
+        with self._condition:
+            self._closed = True
+            self._condition.notify_all()
 
 
 class Source(FrameSource, Protocol):
