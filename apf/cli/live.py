@@ -110,14 +110,16 @@ def _live(
     )
     wanted = request.budget or source.fps
     keeps_up, words = expect_pace(live, wanted)
-    (stderr.print if keeps_up else warn)(words)
-    late = warn if keeps_up else None
+    if keeps_up:
+        stderr.print(words)
+    else:
+        warn(words)
     provenance = {**method.describe(), "device": device.name}
     keep = TrackKeeper(request.replace(method=method), live, provenance)
     bodies = [person.body for person in live.persons]
     with open_senders(request.send or (), bodies) as senders:
         live.listeners = [sender.send for sender in senders]
-        result, takes = _run(request, live, start, keep, (wanted, late))
+        result, takes = _run(request, live, start, keep, wanted, not keeps_up)
     if not result.frames:
         raise result.error or InputError("no frame was tracked; expected at least one")
     try:
@@ -202,12 +204,17 @@ def compare_with_truth(
 
 
 def _run(
-    request: LiveRequest, live: Live, start: LiveStart, keep: TrackKeeper, pace: tuple[float, Any]
+    request: LiveRequest,
+    live: Live,
+    start: LiveStart,
+    keep: TrackKeeper,
+    wanted: float,
+    warned: bool,
 ) -> tuple[LiveResult, list[tuple[int, int]]]:
     """Run, with its progress on the terminal and, with --studio, on a page. Return the result, and
-    the first and last frames of takes that were recorded on the page. pace: wanted poses per second
-    and who is told that there are fewer, see `PaceReporter`."""
-    wanted, late = pace
+    the first and last frames of takes that were recorded on the page. wanted: poses per second;
+    warned: whether the user knows that there will be fewer."""
+    late = None if warned else warn
     with ExitStack() as stack:
         if stderr.console.is_terminal:
             waiting = stderr.console.status("waiting for the first frame; Ctrl-C ends")

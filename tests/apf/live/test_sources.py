@@ -76,7 +76,8 @@ def test_smaller_footage(tmp_path: Path) -> None:
     before, after = (rig[1].project(point)[0] for rig in (sequence.rig, smaller.rig))
     np.testing.assert_allclose(after + 0.5, (before + 0.5) / 2)
     same = Smaller(sequence, 1.0)
-    assert same.resize(frame) is frame and same.background is sequence.background
+    assert same.resize(frame).images is frame.images
+    assert same.background is sequence.background
 
 
 def test_pictures_as_fine_as_voxels() -> None:
