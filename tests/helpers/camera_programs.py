@@ -153,7 +153,7 @@ def skeletool(rig: CameraRig) -> Files:
 
 def numbered(rig: CameraRig) -> Files:
     parts = [f"{rows(c.K)}\n{words(c.distortion[:2])}\n{rows(pose(c)[:3])}\n\n" for c in rig]
-    return {"numbered.txt": "".join(f"{k}\n{part}" for k, part in enumerate(parts))}
+    return {"3DOH_Parameters.txt": "".join(f"{k}\n{part}" for k, part in enumerate(parts))}
 
 
 _RODRIGUES = ("CameraMatrix", "DistortionCoeffs", "rvec", "T")

@@ -61,6 +61,7 @@ _PATTERNS = (
     "*_par.txt",
     "*projection*.txt",
     "[Cc]alib*.txt",
+    "*[Pp]arameters*.txt",
     "[Cc]alib*.mat",
     "*camera*.mat",
     "*P*.mat",

@@ -56,6 +56,8 @@ def test_layouts_of_other_programs(tmp_path: Path, program: str) -> None:
     found = read_calibration(path, sizes=lambda names: [footage.SIZE] * len(names))
     assert found.names[0] == NAMES.get(program, "cam01")
     assert_same(found, bent_rig(), LENSES.get(program, 5))
+    if program == "numbered":
+        assert find_calibration(tmp_path / "a") == path
 
 
 @pytest.mark.parametrize("program", ["toml", "nerf", "colmap", "kalibr"])
