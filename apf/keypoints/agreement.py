@@ -164,8 +164,8 @@ def faces_backward(keypoints: Keypoints, rig: CameraRig) -> bool:
     seen = keypoints.undistort(rig).points[:, rows]
     limits = TriangulationConfig(max_error=AGREEING * rig.height)
     landmarks = find_landmarks(keypoints.names)
-    places = triangulate(rig, seen[:, :, list(landmarks)], limits).points
-    points = {landmark.name: places[:, k] for k, landmark in enumerate(landmarks.values())}
+    positions = triangulate(rig, seen[:, :, list(landmarks)], limits).points
+    points = {landmark.name: positions[:, k] for k, landmark in enumerate(landmarks.values())}
 
     def point(name: str) -> np.ndarray:
         unknown = np.full((1, 3), np.nan)

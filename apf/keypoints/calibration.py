@@ -57,9 +57,9 @@ def calibrate_by_keypoints(
     result = calibrate_by_points(cameras, points, longest, config, _find_segments(names))
     body = load_body(_BODY)  # standing, over the floor
     located, size = locate_points(body, names), config.stature / stature_of(body)
-    places = located.place(body, np.zeros((1, body.n_dof)))[0] * size
-    places[:, 2] -= places[:, 2].min()
-    return _align(result, names, dict(zip(located.names, places, strict=True)))
+    positions = located.place(body, np.zeros((1, body.n_dof)))[0] * size
+    positions[:, 2] -= positions[:, 2].min()
+    return _align(result, names, dict(zip(located.names, positions, strict=True)))
 
 
 def _find_segments(names: list[str]) -> list[tuple[int, int]]:

@@ -127,8 +127,8 @@ def _list_sides(entry: Landmark) -> list[Landmark]:
         changes = {key: name and _add_side(name, side) for key, name in bones.items()}
         names = {"name": f"{side}_{entry.name}", "partner": f"{other}_{entry.name}"}
         forward, left, up = entry.offset
-        places = {"aliases": list_sided_names(words, side), "offset": [forward, sign * left, up]}
-        sides.append(entry.model_copy(update=changes | names | places))
+        parts = {"aliases": list_sided_names(words, side), "offset": [forward, sign * left, up]}
+        sides.append(entry.model_copy(update=changes | names | parts))
     return sides
 
 

@@ -240,9 +240,9 @@ class Quality:
     def facts(self) -> dict[str, object]:
         """Return all figures in JSON types."""
         track, found, doubts = self.track, self.agreement, list(self.doubts)
-        near = np.nan if self.near is None else float(np.nanmean(self.near))
-        far = f"only {near:.0%} of the keypoints are near the body"
-        if near < _EXPLAINED and far not in doubts:  # also for `apf report`, without keypoints
+        share = np.nan if self.near is None else float(np.nanmean(self.near))
+        far = f"only {share:.0%} of the keypoints are near the body"
+        if share < _EXPLAINED and far not in doubts:  # also for `apf report`, without keypoints
             doubts.append(far)
         return {
             "verdict": self.verdict,

@@ -195,8 +195,8 @@ class CalibrateView:
 
     def _tell(self, doing: str) -> None:
         """Say what is done, found and missing."""
-        found = self.target.describe()
-        self.words.content = make_text(doing) + found + make_lines(self._notes)
+        description = self.target.describe()
+        self.words.content = make_text(doing) + description + make_lines(self._notes)
 
     def _say(self, error: object) -> None:
         self._notes = [("warning", error)]

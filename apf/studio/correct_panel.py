@@ -65,7 +65,7 @@ class CorrectPanel:
             "by", _WAYS, initial_value=_DRAG,
             hint="drag the joint, turn it about the joint before it, or click it in two pictures",
         )  # fmt: skip
-        self.place = add_button(gui, _MOVE, self.toggle_handle, hint="key: C", disabled=True)
+        self.move_button = add_button(gui, _MOVE, self.toggle_handle, hint="key: C", disabled=True)
         self.cancel = add_button(gui, "cancel", self.put_back, visible=False)
         self.reach = gui.add_number(
             "time window, s", REACH, min=0.0, max=10.0, step=0.1,
@@ -87,7 +87,7 @@ class CorrectPanel:
             watch.pointed = self.point
         opened = watch.opened if watch is not None else None
         able = opened is not None and opened.people == 1 and opened.sequence is not None
-        for button in (self.place, self.bad):
+        for button in (self.move_button, self.bad):
             button.disabled = not able
         if opened is None or not able:
             why = "a track of one person whose footage is there"
@@ -146,7 +146,7 @@ class CorrectPanel:
         except InputError as error:
             self._say(error)
             return
-        self.place.label, self.cancel.visible = "keep the joint here", True
+        self.move_button.label, self.cancel.visible = "keep the joint here", True
 
     def move_handle(self, position: np.ndarray) -> None:
         """Put the handle that is shown to a place (3,) m; the limb follows."""
@@ -246,7 +246,7 @@ class CorrectPanel:
             self._handle.remove()
             self._handle = None
         self._rays = None
-        self.place.label, self.cancel.visible = _MOVE, False
+        self.move_button.label, self.cancel.visible = _MOVE, False
 
     def _tell_pointing(self, found: str) -> None:
         """Say how to point at the joint, and what the clicks so far give."""

@@ -243,16 +243,16 @@ class FilmView:
 
     def _tell(self) -> None:
         """Say what is done, and what of the target, or of the person, was seen."""
-        found, line = "", self._note
+        description, line = "", self._note
         if self.mode.value == TARGET:
-            found = self.target.describe()
+            description = self.target.describe()
         elif self.mode.value == PERSON and self.person is not None:
-            found = self.person.describe()
+            description = self.person.describe()
         if self._collecting:
             line = "note", f"the empty room: {len(self._empty)} of {_EMPTY} pictures"
         elif self._recorded is not None:
             line = "note", f"recording into {self._recorded[0].name}"
-        self.words.content = make_lines([line]) + found
+        self.words.content = make_lines([line]) + description
 
 
 class PersonCheck:

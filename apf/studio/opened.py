@@ -72,18 +72,18 @@ class RunningTake:
 def read_figures(folder: Path) -> dict[str, Figure]:
     """Return each person of a folder of tracks as drawn, in the frames that show the person, by the
     name of the person's folder. Raises InputError, also if no frame was tracked."""
-    places = list_people(folder) or [folder]
+    folders = list_people(folder) or [folder]
     people = PeopleTracks.open(folder) if holds_people(folder) else None
-    tracks = people or [Track.open(place) for place in places]
-    seen = [None] * len(places) if people is None else people.seen  # before all are tracked
+    tracks = people or [Track.open(each) for each in folders]
+    seen = [None] * len(folders) if people is None else people.seen  # before all are tracked
     if not any(map(len, tracks)):
         raise InputError(f"{folder}: holds no tracked frame; expected at least one")
     figures = {}
-    for number, (place, track, frames) in enumerate(zip(places, tracks, seen, strict=True)):
-        with name_file_in_errors(place):
+    for number, (subfolder, track, frames) in enumerate(zip(folders, tracks, seen, strict=True)):
+        with name_file_in_errors(subfolder):
             _ = track.its_body if track.dof_names else None
-        who = number if len(places) > 1 else None
-        figures[place.name] = Figure(track, place.name, who, frames)
+        who = number if len(folders) > 1 else None
+        figures[subfolder.name] = Figure(track, subfolder.name, who, frames)
     return figures
 
 
@@ -97,16 +97,16 @@ def open_track(
     several. known: called with the number of each frame after its voxels are carved. running:
     what a run reads that goes on, and has not written that yet. Raises InputError, or
     MissingFileError."""
-    places, figures = list_people(folder) or [folder], read_figures(folder)
+    folders, figures = list_people(folder) or [folder], read_figures(folder)
     tracks = [figure.track for figure in figures.values()]
     frames = np.unique(np.concatenate([track.frames for track in tracks]))
     for track in tracks:
         _ = track.its_body  # raises InputError
     remarks: list[str] = []
     try:
-        summaries = [read_summary(place) for place in places]
+        summaries = [read_summary(each) for each in folders]
         remarks += summaries[0]["warnings"]
-        facts, file = summaries[0]["sequence"], places[0] / SUMMARY
+        facts, file = summaries[0]["sequence"], folders[0] / SUMMARY
         sequence = try_footage(lambda: reopen_sequence(facts, file, int(frames[-1])), remarks)
         running = None
     except UserError as error:  # of a run that goes on, or was killed
@@ -117,7 +117,7 @@ def open_track(
     if sequence is not None and grid is not None:
 
         def carve() -> Iterator[tuple[int, VoxelCloud]]:
-            config = running.config if running else read_tracked_config(places[0], summaries[0])
+            config = running.config if running else read_tracked_config(folders[0], summaries[0])
             session = Session(sequence, make_device(), SessionSettings(config))
             with closing(session.iterate_carved(grid, frames.tolist())) as carved:  # type: ignore[type-var]
                 for frame in carved:

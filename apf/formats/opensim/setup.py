@@ -307,13 +307,13 @@ def write_opensim(folder: Path, motion: BodyMotion, model: Path | None) -> tuple
             "--to osim"
         )
     scales = scale_factors(motion.body, generic)
-    places = marker_places(motion.body, generic, scales)
+    positions = marker_places(motion.body, generic, scales)
     series = marker_series(motion)
     texts = {
         MODEL: _start_model(generic, motion),
-        MARKER_SET: _marker_set(places),
+        MARKER_SET: _marker_set(positions),
         SCALING: _scaling(scales),
-        INVERSE_KINEMATICS: _inverse_kinematics(places, series.times[0], series.times[-1]),
+        INVERSE_KINEMATICS: _inverse_kinematics(positions, series.times[0], series.times[-1]),
     }
     for name, text in texts.items():
         write_text(folder / name, text)

@@ -149,9 +149,9 @@ def test_several_people_are_shown_together(tmp_path: Path, page: Page) -> None:
     assert watch.opened.look_at["person2: left arm"].tolist() == [2, 3]
     colours = [watch.bodies[name].cones[0].color for name in ("person1", "person2")]
     assert colours == list(PEOPLE[:2])
-    assert page.correct.place.disabled  # corrections are of one person
+    assert page.correct.move_button.disabled  # corrections are of one person
     page.open(tmp_path / "duo" / "person1")
-    assert page.correct.place.disabled  # whose silhouettes are not separated again
+    assert page.correct.move_button.disabled  # whose silhouettes are not separated again
 
 
 def test_page_in_a_browser(tmp_path: Path, page: Page) -> None:

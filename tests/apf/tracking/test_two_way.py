@@ -174,18 +174,18 @@ def short_windows(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_windows_overlap_and_give_every_frame_once(short_windows: None) -> None:
-    back, told, found = Follower(), list[str](), list[tuple[int, list[Estimate]]]()
-    track_both_ways(found, back, frames(25), told.append)
+    back, stages, found = Follower(), list[str](), list[tuple[int, list[Estimate]]]()
+    track_both_ways(found, back, frames(25), stages.append)
     assert [index for index, _ in found] == list(range(5, 30))
     for (_, (one,)), (_, shown) in zip(found, frames(25), strict=True):
         assert one.pose[0] == pytest.approx(BODY.rest_pose[0] + shown)
-    assert told.count("tracking") == 25
+    assert stages.count("tracking") == 25
     # Windows end at frames 11 and 20 and at the last; each is gone back from there.
     ends = np.array([11, 20, 24])
     np.testing.assert_allclose(back.starts, BODY.rest_pose[0] + 0.01 * ends, atol=1e-9)
     expected = [*range(11, -1, -1), *range(20, 8, -1), *range(24, 17, -1)]
     np.testing.assert_allclose(back.seen, 0.01 * np.array(expected))
-    assert told.count("tracking back") == len(expected)
+    assert stages.count("tracking back") == len(expected)
 
 
 @pytest.mark.parity("common/uncrop.uncrop")
