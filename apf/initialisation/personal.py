@@ -137,8 +137,9 @@ class PersonalShape:
     distance from the cones. Left mirrors right.
 
     spread: (S,) standard deviations. index: the number of each measure, by its kind, the name of
-    its part, the end and the axis; of a surface, the number of its coefficient. n_built: number of
-    measures that the body is built of, those before the surface's.
+    its part, the end and the axis; of a surface, the number of its coefficient; a disc's
+    ends share theirs. n_built: number of measures that the body is built of, those before the
+    surface's.
     """
 
     def __init__(self, template: BodyModel) -> None:
@@ -150,8 +151,9 @@ class PersonalShape:
         balls = {
             sideless(bone.name) for bone in bones if sum(a.kind[0] == "r" for a in bone.axes) > 2
         }
+        discs = {sideless(cone.name) for cone in template.cones if _is_disc(cone)}
         for name in template.radius_groups:
-            for end in (0, 1):
+            for end in (0,) if name in discs else (0, 1):
                 axes = self._axes(name, template.cones)
                 rows += [("end", name, end, axis) for axis in axes]
                 rows.append(("radius", name, end, 0))
@@ -159,6 +161,11 @@ class PersonalShape:
         for name in template.radius_groups:
             rows += [("surface", name, number, 0) for number in range(_COEFFICIENTS)]
         self.index = {row: number for number, row in enumerate(rows)}
+        self.index |= {
+            (kind, name, 1, axis): number
+            for (kind, name, _, axis), number in self.index.items()
+            if kind in ("end", "radius") and name in discs
+        }
         kinds = [
             kind if kind != "joint" else "ball" if name in balls else "hinge"
             for kind, name, *_ in rows
@@ -292,6 +299,11 @@ def _mirror_cone(body: BodyModel, cone: Cone) -> tuple[np.ndarray, bool, float]:
     first, second = _cone_frame(cone) * [1, -1, 1], _cone_frame(twin)
     share = 1.0 if cone.name.startswith("r_") else 0.0 if twin is not cone else 0.5
     return second @ first.T, float(second[0] @ first[0]) < 0, share
+
+
+def _is_disc(cone: Cone) -> bool:
+    """Return whether a cone is so short that an end that moved alone would turn it."""
+    return bool(np.linalg.norm(cone.end - cone.start) < np.mean(cone.radii) / 2)
 
 
 def _cone_frame(cone: Cone) -> np.ndarray:

@@ -7,6 +7,7 @@ from helpers.outlines import RIG, outlines_in, outlines_of
 
 from apf.body.kinematics import posed_cones, posed_joints
 from apf.body.limbs import add_ankles
+from apf.body.model import BodyModel
 from apf.body.stature import lowest_point
 from apf.initialisation.personal import Outlines, PersonalFit, PersonalShape
 from apf.tracking.uncertainty import is_inside_ellipsoid
@@ -69,10 +70,11 @@ def test_without_outlines_nothing_changes() -> None:
     assert len(outlines_in(shown, known)) == 0
 
 
-def test_growths_are_derivatives_of_the_cones() -> None:
-    shape, random = PersonalShape(SONG), np.random.default_rng(2)
+@pytest.mark.parametrize("body", [SONG, bodies.named("wheelchair")], ids=lambda body: body.name)
+def test_growths_are_derivatives_of_the_cones(body: BodyModel) -> None:
+    shape, random = PersonalShape(body), np.random.default_rng(2)
     measures = random.normal(0, shape.spread)
-    poses, step = bodies.random_poses(SONG, 2), 1e-5
+    poses, step = bodies.random_poses(body, 2), 1e-5
     found, moved = shape.growths(measures, poses), shape.move_joints(measures, poses)
     for number in range(0, shape.n_built, 7):
         move = step * np.eye(len(measures))[number]
@@ -83,6 +85,16 @@ def test_growths_are_derivatives_of_the_cones() -> None:
         )
         np.testing.assert_allclose(moved[number], joints, atol=1e-4)
         np.testing.assert_allclose(found[:, number], cones[..., :8], atol=1e-4)
+
+
+@pytest.mark.parametrize("name", ["song32", "child", "dog", "wheelchair"])
+def test_usual_measures_hardly_turn_the_cones(name: str) -> None:
+    shape, random = PersonalShape(bodies.named(name)), np.random.default_rng(3)
+    axes = []
+    for spread in (0, 1):
+        body = shape.body(random.normal(0, spread * shape.spread))
+        axes.append([(c.end - c.start) / np.linalg.norm(c.end - c.start) for c in body.cones])
+    assert np.all(np.sum(np.prod(axes, axis=0), axis=1) > np.cos(0.5))
 
 
 def test_soles_stay_on_the_floor() -> None:
