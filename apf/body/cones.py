@@ -57,21 +57,20 @@ def project_outlines(camera: Camera, cones: np.ndarray) -> np.ndarray:
 def outline_rings(eye: np.ndarray, cones: np.ndarray) -> np.ndarray:
     """Return points (..., 2 R, 3) on the round ends of cones (..., 16) seen from `eye` (3,) m,
     whose convex hull in a picture is the outline of the cone with these ends."""
-    axis = cones[..., 4:7] - cones[..., 0:3]
+    ends = cones[..., :8].reshape(*cones.shape[:-1], 2, 4)
+    axis = ends[..., 1, :3] - ends[..., 0, :3]
     axis = axis / np.linalg.norm(axis, axis=-1, keepdims=True)
     x, y = cones[..., 8:11], cones[..., 12:15]
     angles = np.linspace(0, 2 * np.pi, _RING, endpoint=False)
     circle = np.stack([np.cos(angles), np.sin(angles)], -1)
-    rings = []
-    for first in (0, 4):
-        centre, radius = cones[..., first : first + 3], cones[..., first + 3]
-        # where the end is a ball, its outline is a circle across the line of sight
-        sight = np.stack([((eye - centre) * side).sum(-1) for side in (axis, x, y)], -1)
-        across = np.linalg.svd(sight[..., None, :])[2][..., 1:, :]
-        ring = np.einsum("ka,...ab->...kb", circle, across)
-        back = np.stack([axis, x / dot(x, x)[..., None], y / dot(y, y)[..., None]], -2)
-        rings.append(centre[..., None, :] + radius[..., None, None] * ring @ back)
-    return np.concatenate(rings, -2)
+    # where the end is a ball, its outline is a circle across the line of sight
+    to_eye = eye - ends[..., :3]
+    sight = np.stack([(to_eye * side[..., None, :]).sum(-1) for side in (axis, x, y)], -1)
+    across = np.linalg.svd(sight[..., None, :])[2][..., 1:, :]
+    back = np.stack([axis, x / dot(x, x)[..., None], y / dot(y, y)[..., None]], -2)
+    rings = ends[..., None, 3:] * (circle @ across) @ back[..., None, :, :]
+    rings += ends[..., None, :3]
+    return rings.reshape(*cones.shape[:-1], 2 * _RING, 3)
 
 
 def cone_normals(points: np.ndarray, cones: np.ndarray) -> np.ndarray:

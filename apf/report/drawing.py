@@ -279,9 +279,8 @@ def _draw_cones(
     order = [i for i in np.argsort(-distance) if seen[i]]
     table = np.array([(0, 0, 0), *(colours[i] for i in order)], np.uint8)
     number = np.zeros(image.shape[:2], np.uint8)  # of the nearest cone, counted from far to near
-    for k, i in enumerate(order, start=1):
-        hull = cv2.convexHull(_to_fixed_point(rings[i] - low))
-        cv2.fillConvexPoly(number, hull, k, cv2.LINE_8, _BITS)
+    for k, points in enumerate(_to_fixed_point(rings[order] - low), start=1):
+        cv2.fillConvexPoly(number, cv2.convexHull(points), k, cv2.LINE_8, _BITS)
     inside = number > 0
     tinted = cv2.addWeighted(image, 0.84, np.take(table, number, axis=0), 0.16, 0)
     cv2.copyTo(tinted, inside.view(np.uint8), image)
