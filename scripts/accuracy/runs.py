@@ -60,7 +60,7 @@ class Run:
     constant, rest].
 
     The other fields are computed in runs of a suite, and NaN in others. wrists: mean of both.
-    heading: degrees between the hips' axis at the start and the truth's, seen from above. stature:
+    heading: degrees between the hips' axis in the first frame and the truth's, from above. stature:
     % by which the body is too tall. limb_frames: share of frames in which a limb's end is farther
     than `LOST_LIMB` from the truth. angles: name -> [RMS, RMS without the mean offset], degrees,
     where the truth has rotations. limbs, limbs_rest, limbs_far: as mean, rest and lost_joints, of

@@ -18,7 +18,6 @@ from peers.figures import LIMB_JOINTS, measure_track
 
 from accuracy.ablation import load_preset
 from accuracy.runs import Results, Run, Setting, evaluate_run, make_method
-from apf.body.kinematics import posed_joints
 from apf.body.model import BodyModel
 from apf.body.stature import stature
 from apf.body.toml import load_body
@@ -161,7 +160,7 @@ def done(device: Device, job: Job, check: Callable[[], object]) -> Outcome:
         run = evaluate_run(track, truth, job.setting, seed, seconds)
         found = evaluate(track, truth)
         body = stature(take.body) / true_stature(job.folder, truth)
-        figures = {"heading": heading_error(take, truth), "stature": 100 * (body - 1)}
+        figures = {"heading": heading_error(track, truth), "stature": 100 * (body - 1)}
         own: dict[str, Any] = {
             "angles": _angles(track, job.folder / TRUTH),
             "exported": _export(track, truth),
@@ -192,9 +191,9 @@ def _triangulate(sequence: Sequence, setting: Setting, truth: JointSeries) -> Ru
     keypoints = Keypoints.open(sequence.folder, sequence)
     track = triangulate_track(sequence, keypoints, TriangulatedConfig(low_pass=LOW_PASS))
     run = evaluate_run(track, truth, setting, 0, time.perf_counter() - began)
-    first = {"heading": _heading(track.joint_names, track.joints[:1], truth, track.frames[0])}
-    figures = _list_suite_figures(evaluate(track, truth))
-    return replace(run, **first, **figures, exported=_export(track, truth))
+    figures = {"heading": heading_error(track, truth)}
+    figures |= _list_suite_figures(evaluate(track, truth))
+    return replace(run, **figures, exported=_export(track, truth))
 
 
 def _take(
@@ -249,21 +248,18 @@ def _list_suite_figures(found: Evaluation) -> dict[str, float]:
     }
 
 
-def heading_error(take: Take, truth: JointSeries) -> float:
-    """Return the angle, degrees, between the hips' left-right axes, seen from above, of the start
+def heading_error(track: Track, truth: JointSeries) -> float:
+    """Return the angle, degrees, between the hips' left-right axes, seen from above, of the track
     and of the truth in the first tracked frame; NaN if the truth lacks them."""
-    ours = posed_joints(take.body, take.pose[None])
-    return _heading(take.body.joint_names, ours, truth, take.tracks[0].frames[0])
-
-
-def _heading(names: Items[str], joints: np.ndarray, truth: JointSeries, frame: int) -> float:
-    """Return the same angle for joints (1, J, 3) in that frame."""
-    rows = np.flatnonzero(truth.frames == frame)
+    rows = np.flatnonzero(truth.frames == track.frames[0])
     if not rows.size:
         return float("nan")
     axes = []
-    for of, places in ((names, joints), (truth.joint_names, truth.joints[rows])):
-        evaluated, _, _ = evaluated_joints(of, places[:1])
+    for names, joints in (
+        (track.joint_names, track.joints[:1]),
+        (truth.joint_names, truth.joints[rows[:1]]),
+    ):
+        evaluated, _, _ = evaluated_joints(names, joints)
         left, right = (evaluated[0, EVALUATED_JOINTS.index(f"{side}_hip"), :2] for side in "lr")
         axes.append(left - right)
     (a, b), (c, d) = axes

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -24,16 +25,16 @@ from apf.evaluation.evaluate import FlagCounts
 from psfs.common.files import write_atomically, write_text
 
 _NOTE = (
-    "preset: whose settings, a paper's or the defaults. "
-    "by: what is looked at, triangulation having neither body nor start. "
-    "mm, mean ± standard deviation of the seeds' means; all other figures are means over the "
-    "seeds. free: offset-free, without the offset that a joint keeps in the body's own frame. far: "
-    "share of joint-frames beyond 150 mm. 12: the same of shoulders, elbows, wrists, hips, knees "
-    "and ankles, which keypoints have, too. heading: runs whose start looks within 90 degrees of "
-    "the truth. stature: of the body, % too tall. IoU: of the silhouettes with the true masks. "
-    "lost: share of frames in which a limb's end is farther than 200 mm. flagged: share of such "
-    "limb-frames that the track itself says to be lost; false: of those within 150 mm. in 95 %: "
-    "share of the other joint-frames within the ellipsoid stated for 95 %. s: all that a run took."
+    "preset: whose settings, a paper's or the defaults. by: what is looked at, triangulation "
+    "having neither body nor start. mm, mean ± standard deviation of the seeds' means; all other "
+    "figures are means over the seeds. free: offset-free, without the offset that a joint keeps "
+    "in the body's own frame. far: share of joint-frames beyond 150 mm. 12: the same of "
+    "shoulders, elbows, wrists, hips, knees and ankles, which keypoints have, too. heading: runs "
+    "that face within 90 degrees of the truth in their first frame. stature: of the body, % too "
+    "tall. IoU: of the silhouettes with the true masks. lost: share of frames in which a limb's "
+    "end is farther than 200 mm. flagged: share of such limb-frames that the track itself says to "
+    "be lost; false: of those within 150 mm. in 95 %: share of the other joint-frames within the "
+    "ellipsoid stated for 95 %. s: all that a run took."
 )
 #: Colours by observation and start.
 _COLOURS = {
@@ -73,6 +74,7 @@ class Row:
     wrists: float
     lost_joints: float
     heading_right: int
+    heading_known: int
     stature: float
     iou: float
     limb_frames: float
@@ -105,6 +107,7 @@ class Row:
             wrists=over(lambda run: run.wrists),
             lost_joints=over(lambda run: run.lost_joints),
             heading_right=sum(run.heading < 90 for run in tracked),
+            heading_known=sum(bool(run.failed) or not math.isnan(run.heading) for run in runs),
             stature=over(lambda run: run.stature),
             iou=iou,
             limb_frames=over(lambda run: run.limb_frames),
@@ -129,7 +132,7 @@ class Row:
             cell(self.limbs_rest, ".1f"),
             cell(100 * self.limbs_far, ".1f", " %"),
             cell(self.wrists, ".0f"),
-            f"{self.heading_right}/{self.runs}",
+            f"{self.heading_right}/{self.heading_known}" if self.heading_known else NONE,
             cell(self.stature, "+.1f" if self.cameras else ".1f", " %"),
             cell(self.iou, ".3f"),
             cell(100 * self.limb_frames, ".0f", " %"),
@@ -253,6 +256,7 @@ def mean_row(rows: Sequence[Row]) -> Row:
         sum(row.runs for row in rows), sum(row.failed for row in rows),
         std=float(np.nanstd([row.mean for row in rows], ddof=1)),
         heading_right=sum(row.heading_right for row in rows),
+        heading_known=sum(row.heading_known for row in rows),
         flags=_sum_flags([row.flags for row in rows]),
         stature=over([abs(row.stature) for row in rows]),
         **means,

@@ -25,12 +25,11 @@ from helpers.shared import ROOT
 from timings.grid import replace_marked
 
 import psfs
-from apf.body.toml import load_body
 from apf.evaluation.truth import load_truth
 from apf.formats.trc import JointSeries
 from apf.presets import Preset
 from apf.synthetic.scene import SceneConfig
-from apf.tracking.take import Take
+from apf.tracking.track import Track
 from cl import Device, InputError
 
 SCRIPT = ROOT / "scripts" / "accuracy.py"
@@ -241,18 +240,16 @@ def test_presets_of_readings_and_ablations_change_settings() -> None:
 
 
 def test_headings_by_the_hips() -> None:
-    body = load_body("song31")
-    names = ("l_hip", "r_hip")
+    names, frames = ("l_hip", "r_hip"), np.array([5])
+    ahead = np.array([[0.0, 0.1, 0.9], [0.0, -0.1, 0.9]])
+    edges = np.zeros((0, 2), int)
+    track = Track("points", (), names, 30.0, frames, np.zeros((1, 0)), ahead[None], edges)
     for degrees in (0, 30, 170, -120):
         angle = np.radians(degrees)
         left = np.array([-np.sin(angle), np.cos(angle), 0.2])
-        truth = JointSeries(names, np.stack([left, -left])[None], 30.0, np.array([5]))
-        tracks = [JointSeries(names, truth.joints, 30.0, np.array([5]))]
-        take = Take(None, body, body.rest_pose, None, tracks, 1.0)  # type: ignore[arg-type]
-        # The body at rest looks along x.
-        assert heading_error(take, truth) == pytest.approx(abs(degrees), abs=1e-6)
-    later = replace(truth, frames=np.array([6]))
-    assert np.isnan(heading_error(take, later))
+        truth = JointSeries(names, np.stack([left, -left])[None], 30.0, frames)
+        assert heading_error(track, truth) == pytest.approx(abs(degrees), abs=1e-6)
+    assert np.isnan(heading_error(track, replace(truth, frames=frames + 1)))
 
 
 def test_statures_as_stated(folder: Path, tmp_path: Path) -> None:
