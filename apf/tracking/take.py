@@ -134,6 +134,8 @@ def start_take(
     frame: int | None = None
     others: Iterable[Start] = ()
     keypoint_fit: KeypointStart | None = None
+    is_measured = settings.given is None and not settings.keep_shape
+    personal = is_measured and method.uses_voxels and method.goes_back
     if body_and_pose is None:
         check_startable(settings.body_template)  # before anything that takes time
     if settings.keypoints is not None:
@@ -148,7 +150,6 @@ def start_take(
         check_cameras(session.sequence)
         report("volume")
         automatic_grid(session)
-    personal = body_and_pose is None and method.goes_back and not settings.keep_shape
     if body_and_pose is None:
         report("start")
         starts = _seek_starts(session, settings, personal, lambda: report("start"))
@@ -216,14 +217,19 @@ def track_again(
 
 
 def _expect_body(started: StartedTake, first: Take) -> TrackingTask:
-    """Return the task of the second pass."""
+    """Return the task of the second pass. Where the keypoints lie on the body is estimated again,
+    for the person's own."""
     track, session = first.tracks[0], started.session
     tracked = None  # several people's voxels are divided by their bodies, see `place_bodies`
     if not isinstance(session, PersonSession):
         unknown = np.full((len(track), 1, CONE_FLOATS), np.nan)
         cones = np.concatenate([track.known_cones, unknown], 1)
         tracked = TrackedBody(session.sequence.folder, track.frames, cones)
-    return replace(started.task, body=first.body, pose=first.pose, tracked=tracked)
+    task, settings = started.task, started.settings
+    if settings is not None and settings.keypoints is not None:
+        given = replace(settings, given=(first.body, first.pose))
+        task = replace(task, keypoints=fit_to_keypoints(session, given).observations)
+    return replace(task, body=first.body, pose=first.pose, tracked=tracked)
 
 
 def choose_starts(
