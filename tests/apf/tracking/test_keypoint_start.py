@@ -5,13 +5,18 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 from helpers import bodies, scenes
 from helpers.keypoints import of_poses
 
 import apf
+import psfs
 from apf.backend import make_tracker
 from apf.body.kinematics import posed_joints
+from apf.body.model import BodyModel
 from apf.body.toml import load_body
+from apf.evaluation.evaluate import evaluate
+from apf.evaluation.truth import load_truth
 from apf.filters.config import FilterConfig
 from apf.filters.method import Method
 from apf.initialisation.from_keypoints import start_from_keypoints
@@ -73,6 +78,31 @@ def test_a_body_is_tracked_from_a_frame_to_both_ends(device: Device) -> None:
     (found,) = track_people([run])
     assert found.tracks[0].frames.tolist() == sorted(kept) == list(range(N))
     assert miss(found.tracks[0]) < 0.03 and found.tracks[0].present.all()
+
+
+def test_beside_voxels_the_body_is_measured_and_tracked_again(
+    small_walk: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sequence, truth = psfs.open_sequence(small_walk), load_truth(small_walk / "truth.npz")
+    points = np.ones((4, *truth.joints.shape))
+    points[..., :2] = [camera.project(truth.joints)[0] for camera in sequence.rig]
+    keypoints = Keypoints(points, truth.joint_names, tuple(sequence.rig.names))
+    templates, stages = list[BodyModel](), list[str]()
+
+    def start(
+        rig: CameraRig, keypoints: Keypoints, template: BodyModel, *more: Any, **rest: Any
+    ) -> Any:
+        templates.append(template)
+        return start_from_keypoints(rig, keypoints, template, *more, **rest)
+
+    monkeypatch.setattr("apf.tracking.take.start_from_keypoints", start)
+    method = Method.create(n_particles=60, n_layers=4)
+    settings = TakeSettings(method=method, keypoints=keypoints)
+    track = track_take(Session(sequence, Device.best()), settings, stages.append).tracks[0]
+    assert "tracking again" in stages and track.surface is not None
+    default, measured = templates
+    assert default.name == measured.name and "l_foot.ry" in measured.dof_names
+    assert evaluate(track, truth).mean_error < 0.05
 
 
 def test_the_lost_are_found_by_their_keypoints(device: Device) -> None:
