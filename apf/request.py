@@ -61,6 +61,7 @@ from psfs.request import (
     FolderRequest,
     PageRequest,
     TakeRequest,
+    file_or_name,
     folder_flag,
     output_flag,
     path_or_name,
@@ -81,7 +82,7 @@ _OF_SHAPES = ("mesh_weights", "mesh_pose", "round_ends")
 _WEIGHTS = ("edge_weight", "silhouette_weight")
 #: Flags that apply only to pictures, but those of the method.
 _OF_PICTURES = (*_WEIGHTS, "voxel_size", "all_cameras")
-_SHAPE_TEXTS = {"mesh_weights": (path_or_name, None), "mesh_pose": (path_or_name, None)}
+_SHAPE_TEXTS = {"mesh_weights": (file_or_name, None), "mesh_pose": (file_or_name, None)}
 _SHAPE_DEFAULTS = {
     "mesh_weights": "the nearest cone's",
     "mesh_pose": "the body's rest",
@@ -94,7 +95,7 @@ _SHAPE_FLAG = Flag(
     f"({_FRUSTA}); or a mesh of the person, metres, that trimesh reads, made for the body of "
     "--body (default: 4)",
     "N|FILE",
-    path_or_name,
+    file_or_name,
     group=SHAPE,
 )
 
@@ -173,7 +174,7 @@ class StartRequest(TakeRequest):
     body: Annotated[
         Any,  # a BodyModel, or its name or file
         Flag("body model: a TOML file or a shipped name (default: song32, or the sequence's own)",
-             "B", path_or_name, group=START),
+             "B", file_or_name, group=START),
     ] = None  # fmt: skip
     init: Annotated[
         Any,  # a pose (D,), or a file
@@ -634,7 +635,7 @@ class EvaluateRequest(Request):
         str | None,
         Flag("compare markers on the body with the truth's, by their labels: a TOML file that says "
              f"where each is fixed, or {', '.join(MARKER_SETS)} (docs/formats.md)", "SET",
-             path_or_name),
+             file_or_name),
     ] = None  # fmt: skip
     truth_start: Annotated[
         float | None,

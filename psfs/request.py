@@ -48,6 +48,12 @@ def path_or_name(text: str) -> str:
     return str(resolve_path(path)) if path.exists() else text
 
 
+def file_or_name(text: str) -> str:
+    """Return the absolute path of an existing file, else the text unchanged: a folder may be called
+    as something shipped is."""
+    return path_or_name(text) if Path(text).is_file() else text
+
+
 def _expecting(what: str) -> Callable[[Callable[[str], T]], Callable[[str], T]]:
     """Return a decorator of functions that parse a text: it turns ValueError into InputError, which
     says `what` was found and expected."""

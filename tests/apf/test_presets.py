@@ -80,3 +80,13 @@ def test_unknown_presets(tmp_path: Path) -> None:
     said = fail("apf", "track", "walk", "-o", tmp_path / "out", "--config", file)
     assert "expected one of kwolek, rymut, song" in said
     assert Preset().method == Method()
+
+
+def test_a_body_is_not_the_folder_of_its_name(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "dog").mkdir()
+    (tmp_path / "cat.toml").touch()
+    assert parsed("--body", "dog").body == "dog"
+    assert parsed("--body", "cat.toml").body == str(tmp_path / "cat.toml")
