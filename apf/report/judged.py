@@ -23,11 +23,7 @@ from apf.body.surface import paint
 from apf.evaluation.joint_names import match_joints
 from apf.keypoints.keypoints import Keypoints
 from apf.report import FILES, OVERLAY, PAGE
-from apf.report.agreement import (
-    Agreement,
-    compare_with_silhouettes,
-    measure_keypoint_agreement,
-)
+from apf.report.agreement import Agreement, compare_with_silhouettes, measure_keypoint_agreement
 from apf.report.page import write_page
 from apf.report.quality import Quality
 from apf.report.summary import SUMMARY, body_facts, read_tracked_grid

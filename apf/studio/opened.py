@@ -75,11 +75,11 @@ def read_figures(folder: Path) -> dict[str, Figure]:
     folders = list_people(folder) or [folder]
     people = PeopleTracks.open(folder) if holds_people(folder) else None
     tracks = people or [Track.open(each) for each in folders]
-    seen = [None] * len(folders) if people is None else people.seen  # before all are tracked
+    present = [None] * len(folders) if people is None else people.seen  # before all are tracked
     if not any(map(len, tracks)):
         raise InputError(f"{folder}: holds no tracked frame; expected at least one")
     figures = {}
-    for number, (subfolder, track, frames) in enumerate(zip(folders, tracks, seen, strict=True)):
+    for number, (subfolder, track, frames) in enumerate(zip(folders, tracks, present, strict=True)):
         with name_file_in_errors(subfolder):
             _ = track.its_body if track.dof_names else None
         who = number if len(folders) > 1 else None

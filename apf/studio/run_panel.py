@@ -20,13 +20,7 @@ from apf.settings import Settings
 from apf.studio.opened import RunningTake
 from apf.studio.work import Work, WorkSlot, free_folder
 from cl import InputError
-from psfs.common.config import (
-    about,
-    describe_range,
-    field_choices,
-    field_kinds,
-    fields_below,
-)
+from psfs.common.config import about, describe_range, field_choices, field_kinds, fields_below
 from psfs.common.requests import Stated, nest_tables
 from psfs.diagnostics.sequence_info import find_keypoints
 from psfs.page.server import read_choice, read_metres

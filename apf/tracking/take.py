@@ -227,8 +227,8 @@ def _expect_body(started: StartedTake, first: Take) -> TrackingTask:
         tracked = TrackedBody(session.sequence.folder, track.frames, cones)
     task, settings = started.task, started.settings
     if settings is not None and settings.keypoints is not None:
-        given = replace(settings, given=(first.body, first.pose))
-        task = replace(task, keypoints=fit_to_keypoints(session, given).observations)
+        measured = replace(settings, given=(first.body, first.pose))
+        task = replace(task, keypoints=fit_to_keypoints(session, measured).observations)
     return replace(task, body=first.body, pose=first.pose, tracked=tracked)
 
 

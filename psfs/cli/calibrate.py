@@ -237,9 +237,9 @@ def _describe_failure(views: Sequence, chosen: list[int], finder: Finder) -> str
     what = f"{views.folder}: no {finder.target.name} in {where}"
     if isinstance(finder, MarkerFinder):
         return f"{what}; expected its markers to be the only bright spots that move"
-    seen = find_hint(views, chosen, finder.describe_other_board)
-    if seen is not None:
-        return f"{what}, but {seen}; expected what the flags of the board say"
+    hint = find_hint(views, chosen, finder.describe_other_board)
+    if hint is not None:
+        return f"{what}, but {hint}; expected what the flags of the board say"
     return (
         f"{what}; {finder.describe_search()}; expected it flat, sharp, lit evenly, with a "
         "white rim, and large: see docs/calibration.md"

@@ -36,29 +36,30 @@ def refine(request: CalibrateRequest) -> None:
         )
     hidden = find_hidden_pixels(session)
     rig = session.rig if hidden is None else session.rig.with_hidden(hidden)
-    found = align_rig(session, rig)
-    if found is None:
+    alignment = align_rig(session, rig)
+    if alignment is None:
         raise InputError(
             f"{request.folder}: too few tips of limbs are seen by two cameras at once; expected "
             "somebody who moves arms and legs, in pictures that show the whole person"
         )
-    accepted = found.is_accepted()
-    rig, out = CameraRig(tuple(found.rig if accepted else session.rig)), request.output or Path()
-    verdict = str(found) if accepted else (
+    accepted = alignment.is_accepted()
+    rig = CameraRig(tuple(alignment.rig if accepted else session.rig))
+    out = request.output or Path()
+    verdict = str(alignment) if accepted else (
         f"the given cameras are kept: with corrected ones the silhouettes of held-out frames "
-        f"differ by {found.after:.2f} px instead of {found.before:.2f}, in pictures of "
-        f"{found.side} px"
+        f"differ by {alignment.after:.2f} px instead of {alignment.before:.2f}, in pictures of "
+        f"{alignment.side} px"
     )  # fmt: skip
     write_toml_tables(out / CALIBRATION, rig)
-    write_json(out / REPORT, _summary(request, rig, found, accepted, verdict))
+    write_json(out / REPORT, _summary(request, rig, alignment, accepted, verdict))
     write_settings(out, request)
-    stdout.print(_table(rig, found, accepted))
+    stdout.print(_table(rig, alignment, accepted))
     stdout.print(f"{verdict}; wrote {out}")
 
 
-def _figures(found: Alignment, view: int) -> dict[str, list[float]]:
+def _figures(alignment: Alignment, view: int) -> dict[str, list[float]]:
     """Return each correction of a camera with its standard deviation."""
-    values, sigmas = found.corrections.values[view], found.corrections.sigmas[view]
+    values, sigmas = alignment.corrections.values[view], alignment.corrections.sigmas[view]
     return {
         "turned_degrees": [
             float(np.degrees(np.linalg.norm(values[:3]))),
@@ -74,35 +75,38 @@ def _figures(found: Alignment, view: int) -> dict[str, list[float]]:
 
 
 def _summary(
-    request: CalibrateRequest, rig: CameraRig, found: Alignment, accepted: bool, verdict: str
+    request: CalibrateRequest, rig: CameraRig, alignment: Alignment, accepted: bool, verdict: str
 ) -> dict[str, object]:
-    figures = [_figures(found, view) for view in range(len(rig))]
+    figures = [_figures(alignment, view) for view in range(len(rig))]
     return {
         "verdict": verdict,
         "folder": str(request.folder),
         "corrected": accepted,
-        "held_out_px": {"given": round(found.before, 4), "corrected": round(found.after, 4)},
-        "pictures_px": found.side,
-        "frontier_points": found.corrections.count,
+        "held_out_px": {
+            "given": round(alignment.before, 4),
+            "corrected": round(alignment.after, 4),
+        },
+        "pictures_px": alignment.side,
+        "frontier_points": alignment.corrections.count,
         "cameras": {
             camera.name: {
                 key: {"value": round(value, 4), "standard_deviation": round(sigma, 4)}
                 for key, (value, sigma) in own.items()
             }
             | {"moved_px": round(float(moved), 3)}
-            for camera, own, moved in zip(rig, figures, found.moved, strict=True)
+            for camera, own, moved in zip(rig, figures, alignment.moved, strict=True)
         },
         "versions": versions(),
     }
 
 
-def _table(rig: CameraRig, found: Alignment, accepted: bool) -> Table:
+def _table(rig: CameraRig, alignment: Alignment, accepted: bool) -> Table:
     title = "Corrections" if accepted else "Corrections, not applied"
     columns = ("turned, degrees", "shifted, mm", "focal length, %", "late, frames", "px")
     table = make_table(title, ["camera"], columns)
     formats = ("{:.2f} ± {:.2f}", "{:.0f} ± {:.0f}", "{:+.2f} ± {:.2f}", "{:+.2f} ± {:.2f}")
     for view, camera in enumerate(rig):
-        figures = _figures(found, view).values()
+        figures = _figures(alignment, view).values()
         texts = [form.format(*pair) for form, pair in zip(formats, figures, strict=True)]
-        table.add_row(camera.name, *texts, f"{found.moved[view]:.1f}")
+        table.add_row(camera.name, *texts, f"{alignment.moved[view]:.1f}")
     return table

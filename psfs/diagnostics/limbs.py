@@ -37,14 +37,14 @@ _SIDE = 3
 _ASIDE, _NEXT = 0.9, 2.0
 #: Pixels of a cell of the map of nearest points, and its greatest distance in cells.
 _CELL, _FARTHEST = 4, 3
-#: Cells around the picture, for places without the lens's distortion.
+#: Cells around the picture, for points without the lens's distortion.
 _MARGIN = 20
 
 
 class MedialAxes:
     """N points of the medial axes of one camera's contours in F frames.
 
-    frames: (N,) in ascending order. places: (N, 2) px from the principal point of a
+    frames: (N,) in ascending order. pixels: (N, 2) px from the principal point of a
     picture without distortion. across: (N, 2) unit vectors across the limb. widths: (N,) px.
     nearest: (F, h, w) index of a cell's nearest point in each frame, -1 without one nearby.
     """
@@ -60,15 +60,15 @@ class MedialAxes:
         self.frames = np.repeat(np.arange(count), [len(columns[2]) for columns in middles])
         none = np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0)
         columns = map(np.concatenate, zip(none, *middles, strict=True))
-        self.places, self.across, self.widths = columns
+        self.pixels, self.across, self.widths = columns
         shape = tuple(side // _CELL + 2 * _MARGIN for side in camera.size[::-1])
-        self.nearest = _map_nearest(self.places, self.frames, count, shape)
+        self.nearest = _map_nearest(self.pixels, self.frames, count, shape)
 
-    def find_nearest(self, frames: np.ndarray, places: np.ndarray) -> np.ndarray:
-        """Return the indices (...) of the points nearest to places (..., 2) in frames (...); -1
+    def find_nearest(self, frames: np.ndarray, pixels: np.ndarray) -> np.ndarray:
+        """Return the indices (...) of the points nearest to pixels (..., 2) in frames (...); -1
         without one nearby."""
         count, height, width = self.nearest.shape
-        cells = _find_cells(places, (height, width))
+        cells = _find_cells(pixels, (height, width))
         x, y = cells[..., 0], cells[..., 1]
         frames = np.broadcast_to(frames, x.shape)
         inside = (x >= 0) & (x < width) & (y >= 0) & (y < height) & (frames >= 0) & (frames < count)
@@ -108,19 +108,19 @@ def _find_middles(
     return middles, across, widths
 
 
-def _find_cells(places: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
-    """Return the columns and rows (..., 2) of places (..., 2), the principal point in the middle;
+def _find_cells(pixels: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+    """Return the columns and rows (..., 2) of pixels (..., 2), the principal point in the middle;
     -1 far outside."""
-    cells = places / _CELL + 0.5 * np.array(shape[::-1])
+    cells = pixels / _CELL + 0.5 * np.array(shape[::-1])
     with np.errstate(invalid="ignore"):
         return np.where(np.abs(cells) < 1e4, cells, -1).astype(int)
 
 
 def _map_nearest(
-    places: np.ndarray, frames: np.ndarray, count: int, shape: tuple[int, ...]
+    pixels: np.ndarray, frames: np.ndarray, count: int, shape: tuple[int, ...]
 ) -> np.ndarray:
     nearest = np.full((count, *shape), -1, np.int32)
-    cells = _find_cells(places, shape).clip(0, np.array(shape[::-1]) - 1)
+    cells = _find_cells(pixels, shape).clip(0, np.array(shape[::-1]) - 1)
     begins = np.searchsorted(frames, np.arange(count + 1))
     for frame, (begin, end) in enumerate(pairwise(begins)):
         if begin == end:
@@ -241,7 +241,7 @@ def _find_points(
     if not len(chosen) or not len(depths):
         return np.zeros(0, int), np.zeros((0, 3))
     focal = camera.K[0, 0]
-    rays = np.column_stack([view_axes.places[chosen] / focal, np.ones(len(chosen))]) @ camera.R
+    rays = np.column_stack([view_axes.pixels[chosen] / focal, np.ones(len(chosen))]) @ camera.R
     widths = view_axes.widths[chosen][:, None] * depths / focal
     sound = (widths > _THINNEST * stature) & (widths < _WIDEST * stature)
     tried, widths = np.flatnonzero(sound), widths[sound]
@@ -252,12 +252,12 @@ def _find_points(
     for number, (other, seen) in enumerate(zip(cameras, axes, strict=True)):
         if number == view or not len(seen.frames):
             continue
-        places, z = _project(other, points)
+        pixels, z = _project(other, points)
         frames = np.round(view_axes.frames[chosen] - lags[view] + lags[number]).astype(int)
-        nearest = seen.find_nearest(frames[of_ray], places)
+        nearest = seen.find_nearest(frames[of_ray], pixels)
         met = nearest >= 0
-        nearest, places, z = nearest[met], places[met], z[met]
-        away = ((places - seen.places[nearest]) * seen.across[nearest]).sum(-1) / _GATE
+        nearest, pixels, z = nearest[met], pixels[met], z[met]
+        away = ((pixels - seen.pixels[nearest]) * seen.across[nearest]).sum(-1) / _GATE
         agree = np.abs(away) < 1
         agree &= _are_alike(seen.widths[nearest] * z / other.K[0, 0], widths[met])
         costs.flat[tried[met]] -= np.where(agree, 1 - away**2, 0)
@@ -268,7 +268,7 @@ def _find_points(
 
 
 def _project(camera: Camera, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the places (..., 2), px from the principal point without distortion, and depths (...)
+    """Return the pixels (..., 2), px from the principal point without distortion, and depths (...)
     of points (..., 3)."""
     local = (points - camera.centre) @ camera.R.T
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -302,7 +302,7 @@ class _Traced:
             depths = (points[mine] - camera.centre) @ camera.R[2]
             widths[mine] = view_axes.widths[indices[mine]] * depths / camera.K[0, 0]
         known, frames = np.zeros((n, views), bool), np.zeros((n, views), int)
-        across, places = np.zeros((n, views, 2)), np.zeros((n, views, 2, 2))
+        across, pixels = np.zeros((n, views, 2)), np.zeros((n, views, 2, 2))
         planes = np.zeros((n, views, 3))
         for view, (camera, view_axes) in enumerate(zip(cameras, axes, strict=True)):
             if not len(view_axes.frames):
@@ -319,10 +319,10 @@ class _Traced:
             mean = normals[0] + normals[1]
             mean /= np.maximum(np.linalg.norm(mean, axis=1, keepdims=True), 1e-9)
             for later, (nearest, normal) in enumerate(zip(pair, normals, strict=True)):
-                away = ((seen - view_axes.places[nearest]) * normal).sum(1)
+                away = ((seen - view_axes.pixels[nearest]) * normal).sum(1)
                 sound &= (nearest >= 0) & (np.abs(away) < (2 + later) * _GATE)
                 sound &= _are_alike(view_axes.widths[nearest] * z / camera.K[0, 0], widths)
-                places[:, view, later] = seen - away[:, None] * mean
+                pixels[:, view, later] = seen - away[:, None] * mean
             known[:, view], across[:, view] = sound, mean
             plane = np.column_stack([camera.K[0, 0] * mean, -(mean * seen).sum(1)]) @ camera.R
             planes[:, view] = plane / np.linalg.norm(plane, axis=1, keepdims=True)
@@ -333,4 +333,4 @@ class _Traced:
         accepted = (known.sum(axis=1) >= _VIEWS) & known[np.arange(n), firsts]
         self.times, self.firsts, self.points = times[accepted], firsts[accepted], points[accepted]
         self.known, self.frames = known[accepted], frames[accepted]
-        self.across, self.pixels = across[accepted], places[accepted]
+        self.across, self.pixels = across[accepted], pixels[accepted]

@@ -18,7 +18,7 @@ _EDGES = ("left", "top", "right", "bottom")
 class PersonInView:
     """One camera's view of the person in the examined frames.
 
-    outlines, scale: see `find_person_in_views`. there: number of frames in which two cameras see
+    outlines, scale: see `find_person_in_views`. n_frames: number of frames in which two cameras see
     somebody.
 
     seen: share of the frames in which two cameras see somebody. whole: share of those in which the
@@ -28,13 +28,13 @@ class PersonInView:
     """
 
     def __init__(
-        self, camera: Camera, outlines: Sequence[Outline | None], there: int, scale: float
+        self, camera: Camera, outlines: Sequence[Outline | None], n_frames: int, scale: float
     ) -> None:
         self.camera = camera.name
         traced = [outline for outline in outlines if outline is not None]
         reached = [find_reached_edges(line.contour, camera.size).any(axis=0) for line in traced]
         beyond = np.array(reached).reshape(-1, 4)
-        self.seen = len(traced) / max(1, there)
+        self.seen = len(traced) / max(1, n_frames)
         self.whole = float((~beyond.any(axis=1)).mean()) if len(traced) else 0.0
         heights = [float(np.ptp(outline.points[:, 1])) + 1 for outline in traced]
         self.height = scale * float(np.median(heights)) if heights else float("nan")

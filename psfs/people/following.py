@@ -109,13 +109,13 @@ class PeopleFollower:
                 rows[k] = own[part]
         new = self._assign_rest(points, frame, sizes, owners, rows)
         pairs = zip(self._going, rows, strict=True)
-        seen = [(one, own) for one, own in pairs if len(own) >= DEBRIS]
-        for one, own in seen:
+        continued = [(one, own) for one, own in pairs if len(own) >= DEBRIS]
+        for one, own in continued:
             one.voxels[frame.index] = frame.voxels[own]
             one.advance(points[own], self._reach)
         begun = [Trajectory({frame.index: frame.voxels[own]}, points=points[own]) for own in new]
         self.all += begun
-        self._going = [*(one for one, _ in seen), *begun]
+        self._going = [*(one for one, _ in continued), *begun]
 
     def _assign_rest(
         self,

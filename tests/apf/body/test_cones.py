@@ -64,8 +64,8 @@ def test_cones_with_an_unseen_corner_have_no_outline() -> None:
     beside = cone([2.9, 0.5, 0.5], [2.5, 0, 1.2])
     assert CAMERA.max_radius2 == np.inf
     assert (CAMERA.project(outline_corners(CAMERA.centre, beside))[1] > 0).all()
-    seen = project_outlines(CAMERA, np.stack([behind, astride, beside, CONES["upright"]]))
-    assert np.isnan(seen[:3]).all() and np.isfinite(seen[3]).all()
+    outlines = project_outlines(CAMERA, np.stack([behind, astride, beside, CONES["upright"]]))
+    assert np.isnan(outlines[:3]).all() and np.isfinite(outlines[3]).all()
 
 
 def test_distances_to_a_cylinder() -> None:

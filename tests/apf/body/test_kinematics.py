@@ -146,15 +146,15 @@ def test_a_limb_reaches_for_places() -> None:
     limbs, joints = limb_masks(SONG), limb_joints(SONG)
     poses = np.tile(SONG.rest_pose, (len(limbs), 1))
     wanted = np.where(limbs, poses + 0.3, poses).clip(SONG.lower, SONG.upper)
-    places = posed_joints(SONG, wanted)
-    found = solve_inverse_kinematics(SONG, poses, limbs, joints, places)
-    away = np.linalg.norm(posed_joints(SONG, found) - places, axis=-1)
+    targets = posed_joints(SONG, wanted)
+    found = solve_inverse_kinematics(SONG, poses, limbs, joints, targets)
+    away = np.linalg.norm(posed_joints(SONG, found) - targets, axis=-1)
     assert away[joints].max() < 0.01
     np.testing.assert_array_equal(found[~limbs], poses[~limbs])
     np.testing.assert_array_equal(
-        solve_inverse_kinematics(SONG, wanted, limbs, joints, places), wanted
+        solve_inverse_kinematics(SONG, wanted, limbs, joints, targets), wanted
     )
-    far = solve_inverse_kinematics(SONG, poses, limbs, joints, places + 9.0)
+    far = solve_inverse_kinematics(SONG, poses, limbs, joints, targets + 9.0)
     assert np.all((far >= SONG.lower) & (far <= SONG.upper)) and np.isfinite(far).all()
 
 
